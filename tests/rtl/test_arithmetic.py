@@ -12,6 +12,14 @@ from cmfpga.config import preset
 from cmfpga.protocol.confidence import is_short as told_short
 from cmfpga.rtl import payloads
 from cmfpga.rtl.arithmetic import is_short, negative_where, saturate, small_product, wide_product
+from support.bench import simulate
+
+
+def settle(m, bench):
+    """Run a bench of what has no clock."""
+    simulator = Simulator(m)
+    simulator.add_testbench(bench)
+    simulator.run()
 
 
 @pytest.mark.parametrize("bits", [1, 2, 3, 4, 6])
@@ -29,9 +37,7 @@ def test_small_product(shape, bits):
                 ctx.set(factor, f)
                 assert ctx.get(product) == v * f
 
-    simulator = Simulator(m)
-    simulator.add_testbench(bench)
-    simulator.run()
+    settle(m, bench)
 
 
 def test_negative_where():
@@ -46,9 +52,7 @@ def test_negative_where():
                 ctx.set(flag, f)
                 assert ctx.get(made) == (v if not f or v == -16 else -v)
 
-    simulator = Simulator(m)
-    simulator.add_testbench(bench)
-    simulator.run()
+    settle(m, bench)
 
 
 @pytest.mark.parametrize(
@@ -65,9 +69,7 @@ def test_saturate(shape, low, high):
             ctx.set(value, number)
             assert ctx.get(limited) == fixed.saturate(number, low, high)
 
-    simulator = Simulator(m)
-    simulator.add_testbench(bench)
-    simulator.run()
+    settle(m, bench)
 
 
 @pytest.mark.parametrize("cycles", [2, 3, 4])
@@ -95,10 +97,7 @@ def test_wide_product(a, b, cycles):
                 ctx.set(factor, value)
             await ctx.tick()
 
-    simulator = Simulator(m)
-    simulator.add_clock(1e-6)
-    simulator.add_testbench(bench)
-    simulator.run()
+    simulate(m, bench)
 
 
 @pytest.mark.parametrize("motion", ["fast", "similarity"])
@@ -121,8 +120,5 @@ def test_is_short(motion):
             assert ctx.get(short) == told_short([value / 4 for value in pair])
             met.add(ctx.get(short))
 
-    simulator = Simulator(m)
-    simulator.add_clock(1e-6)
-    simulator.add_testbench(bench)
-    simulator.run()
+    simulate(m, bench)
     assert met == {0, 1}

@@ -16,22 +16,10 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl import core
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.iteration_control import IterationControl
+from support import core_batches
 from support.bench import Repeated
-from support.core import Batch, check_core, constant_cycles, drive_core, per_iteration, verdict_cycles
-from support.core_batches import (
-    CENTER,
-    CONFIGS,
-    FLOWS,
-    PLANS,
-    centered,
-    core_of,
-    moving_points,
-    plans,
-    random_batch,
-    run,
-    settings,
-    spread,
-)
+from support.core import Batch, check_core, drive_core
+from support.core_batches import CONFIGS, FLOWS, PLANS, centered, moving_points, random_batch, run, settings, spread
 
 # ---------------------------------------------------------------- everything, at random
 
@@ -41,22 +29,16 @@ from support.core_batches import (
 def test_matches_model(name, flow, rng):
     """Batches back to back without a reset, with different sizes, ROIs and settings: state that leaks is found."""
     config = CONFIGS[name]
-    gap, stall = FLOWS[flow]
     batches = [random_batch(config, rng, bad_times=0.15 * (k % 2)) for k in range(10)]
-    run(config, batches, rng, gap=gap, stall=stall, eager=flow in ("free", "both"))
+    run(config, batches, rng, **FLOWS[flow], eager=flow in ("free", "both"))
 
 
 @pytest.mark.parametrize("name", ["two", "two, one pass", "fast"])
 def test_two_buffers_give_the_same_whenever_a_batch_comes(name, rng):
-    """Results depend on neither gaps nor stalls, nor on whether the next batch is offered early."""
-    config = CONFIGS[name]
-    batches = [random_batch(config, rng) for _ in range(8)]
-    flows = [(gap, stall, eager) for gap, stall in FLOWS.values() for eager in (True, False)]
-    results = []
-    for gap, stall, eager in flows:
-        _, outcomes = run(config, batches, rng, gap=gap, stall=stall, eager=eager)
-        results.append([{**outcome.result, "cycles": None, "sums": None} for outcome in outcomes])
-    assert all(result == results[0] for result in results)
+    """Results are the model's, which knows neither gaps nor stalls, nor whether the next batch is offered early."""
+    batches = [random_batch(CONFIGS[name], rng) for _ in range(8)]
+    for flow, eager in itertools.product(FLOWS.values(), (True, False)):
+        run(CONFIGS[name], batches, rng, **flow, eager=eager)
 
 
 @pytest.mark.parametrize("name", ["two", "fast"])
@@ -67,9 +49,8 @@ def test_with_two_buffers_the_next_batch_is_taken_in_during_the_iterations(name,
     _, outcomes = run(config, batches, rng)
     for before, outcome in itertools.pairwise(outcomes):
         assert outcome.opened < before.done
-    busy = 4 * (30 + per_iteration(config))
-    if config.confidence:
-        busy = len(config.schedules.warm) * (4 * 30 + per_iteration(config)) + verdict_cycles(config)
+    each, _, judged = LATENCIES[name]
+    busy = len(config.schedules.warm) * (4 * 30 + each) + judged if config.confidence else 4 * (30 + each)
     assert all(busy < after.done - before.done < busy + 90 for before, after in itertools.pairwise(outcomes))
     for first, third in zip(outcomes, outcomes[2:], strict=False):
         assert third.opened > first.done
@@ -92,15 +73,26 @@ def test_random_batches_meet_everything():
 def test_words_hold_every_event_on_one_pixel(name, late, rng):
     """The largest I and Dx that there are: a full buffer at one end of the batch, at the other an event elsewhere."""
     config = CONFIGS[name]
-    full, elsewhere = [(8 * late, *CENTER)] * config.buffer_events, [(8 - 8 * late, 0, 0)]
-    chosen = centered(config, [0], iterations=1, eta=0, start_last=False, v_start=(0, 0)).settings
-    batch = Batch(events=elsewhere + full if late else full + elsewhere, settings=chosen)
+    one = centered(config, [8 * late], iterations=1, eta=0, start_last=False, v_start=(0, 0))
+    full, elsewhere = one.events * config.buffer_events, [(8 - 8 * late, 0, 0)]
+    batch = Batch(events=elsewhere + full if late else full + elsewhere, settings=one.settings)
     _, (outcome, _) = run(config, [batch, spread(config, rng)], rng)
     largest = config.widths.image_max * config.widths.derivative_image_max
     assert outcome.trace[0]["sums"]["sx"] == (largest if late else -largest)
 
 
 # ---------------------------------------------------------------- cycles
+
+
+#: Cycles of an iteration beside its events, of a batch beside its events and iterations, and of a verdict.
+LATENCIES = {
+    "small": (70, 70, 0), "power": (51, 70, 0), "narrow": (70, 70, 0), "tiny": (20, 70, 0), "short": (70, 38, 0),
+    "still": (70, 70, 0), "two": (70, 62, 0), "two tiny": (20, 62, 0), "one pass": (23, 70, 0),
+    "two, one pass": (23, 62, 0), "fast": (50, 60, 3), "four evaluators": (54, 60, 4), "one evaluator": (52, 68, 1),
+    "three bits of v": (51, 68, 7), "rounds, no confidence": (55, 60, 0), "similarity": (21, 60, 15),
+    "rotation": (21, 76, 15), "binned": (50, 60, 3), "binned rotation": (21, 76, 15), "thin": (70, 70, 0),
+    "two, thin": (70, 62, 0),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CONFIGS)
@@ -118,15 +110,16 @@ def test_cycle_formula_is_exact(name, rng):
         for iterations in (1, 4)
         for count in (1, 2, 30)
     ]
-    core = core_of(config).top
+    core = Core(config)
     results, outcomes = run(config, batches, rng, eager=config.buffers == 1)
     for result, outcome in zip(results, outcomes, strict=True):
         assert Flag.DEGENERATE not in result.flags
         counts = {name: getattr(result, name) for name in ("events", "roi_events", "iterations")}
         wanted = core.cycles(**counts)
         assert outcome.result["cycles"] == outcome.done - outcome.opened == wanted
-    assert core.iteration_latency + core.sweep_cycles == per_iteration(config)
-    assert core.batch_latency == constant_cycles(config)
+    latencies = core.iteration_latency + core.sweep_cycles, core.batch_latency
+    assert (*latencies, core.judge_latency if config.confidence else 0) == LATENCIES[name]
+    assert core.shortest_batch == (8 if config.buffers == 2 else 0)
 
 
 @pytest.mark.parametrize("max_level", [0, 2])
@@ -176,7 +169,6 @@ def test_degenerate_batches_change_nothing(what, rng):
 def test_cold_and_warm_schedules(flow, rng):
     """Warm only from a last v, of an object that is followed: not after a new ROI, a degenerate batch, or a given v."""
     config = CONFIGS["fast"]
-    gap, stall = FLOWS[flow]
     still = {"roi": None, "cold_after_doubtful": 0}
     cold, warm = (dict(zip(("cold", "warm", "roi_gain"), (*pair, 0), strict=True)) for pair in (PLANS[3:5], PLANS[1:3]))
     chosen = [
@@ -184,7 +176,7 @@ def test_cold_and_warm_schedules(flow, rng):
         (cold | still | {"min_roi_events": 30}, 0), (warm | still, 2), (cold | still, 2), (warm, 2), (warm | still, 3),
     ]  # fmt: skip
     batches = [spread(config, rng, **changes) for changes, _ in chosen]
-    results, _ = run(config, batches, rng, gap=gap, stall=stall)
+    results, _ = run(config, batches, rng, **FLOWS[flow])
     assert [result.iterations for result in results] == [wanted for _, wanted in chosen]
 
 
@@ -192,7 +184,6 @@ def test_cold_and_warm_schedules(flow, rng):
 def test_after_a_doubtful_batch_the_next_one_starts_cold(flow, rng):
     """Two buffers: it is already stored then. Not if the setting is off, nor after what is not judged or trusted."""
     config = CONFIGS["fast"]
-    gap, stall = FLOWS[flow]
     doubtful, trusted = {"confidence_limit": 1023}, {"confidence_limit": 1}
     plans, follow = {"cold": PLANS[0], "warm": PLANS[4]}, {"roi": None, "roi_gain": 0}
     chosen = [
@@ -200,7 +191,7 @@ def test_after_a_doubtful_batch_the_next_one_starts_cold(flow, rng):
         (trusted | follow, 1), (doubtful | follow, 2), ({"judge": 0} | follow, 1), (doubtful | follow, 2),
     ]  # fmt: skip
     batches = [centered(config, range(100, 300, 10), **plans | changes) for changes, _ in chosen]
-    results, _ = run(config, batches, rng, gap=gap, stall=stall)
+    results, _ = run(config, batches, rng, **FLOWS[flow])
     assert [result.iterations for result in results] == [wanted for _, wanted in chosen]
     assert [result.restarted for result in results] == [0, 1, 0, 1, 0, 1, 0]
     assert [Flag.DOUBTFUL in result.flags for result in results] == [1, 1, 1, 0, 1, 0, 1]
@@ -208,8 +199,7 @@ def test_after_a_doubtful_batch_the_next_one_starts_cold(flow, rng):
 
 def test_minimum_is_met_exactly(rng):
     config = CONFIGS["small"]
-    batches = [centered(config, range(5), min_roi_events=minimum) for minimum in (5, 6, 4, 0, 1)]
-    results, _ = run(config, batches, rng)
+    results, _ = run(config, [centered(config, range(5), min_roi_events=least) for least in (5, 6, 4, 0, 1)], rng)
     assert [Flag.DEGENERATE in result.flags for result in results] == [False, True, False, False, False]
 
 
@@ -221,15 +211,9 @@ def test_length_by_count_and_cut(rng):
     config = CONFIGS["small"]
     points = moving_points(config, rng, config.max_batch_events, span=2000)
     chosen = settings(config, iterations=1)
-    batches = [
-        Batch(events=points[:20], settings=chosen, end="count"),
-        Batch(events=points, settings=chosen, end="cut"),
-        Batch(events=points[:1], settings=chosen, end="count"),
-        # As long as can be, but ended as the source wanted: no flag.
-        Batch(events=points, settings=chosen, end="last"),
-        Batch(events=points, settings=chosen, end="count"),
-        Batch(events=points[:30], settings=chosen, end="last"),
-    ]
+    # As long as can be, but ended as the source wanted: no flag.
+    ends = (20, "count"), (None, "cut"), (1, "count"), (None, "last"), (None, "count"), (30, "last")
+    batches = [Batch(events=points[:count], settings=chosen, end=end) for count, end in ends]
     results, _ = run(config, batches, rng)
     assert [Flag.CUT in result.flags for result in results] == [False, True, False, False, False, False]
 
@@ -247,11 +231,10 @@ def test_overflow_is_counted(rng):
 def test_strides_and_thinning(buffers, rng):
     """As many events as a stride needs, one less, one more; and twice to four times the buffer."""
     config = CONFIGS["similarity"].replace(buffer_events=520, max_batch_events=2100, buffers=buffers)
-    (plan,) = plans("similarity", "2:1/4 0:-1/2 1:0/4*2")
+    (plan,) = core_batches.plans("similarity", "2:1/4 0:-1/2 1:0/4*2")
+    same = {"cold": plan, "warm": plan[:2], "roi_gain": 0, "judge": 0}
     batches = [
-        spread(
-            config, rng, count, cold=plan, warm=plan[:2], roi_gain=0, judge=0, **({"roi": None} if number % 2 else {})
-        )
+        spread(config, rng, count, **same, **({"roi": None} if number % 2 else {}))
         for number, count in enumerate((511, 513, 256, 2079, 255, 1041, 700))
     ]
     results, _ = run(config, batches, rng, eager=buffers == 1)
@@ -264,7 +247,6 @@ def test_strides_and_thinning(buffers, rng):
 def test_a_batch_ends_with_its_roi_events(name, flow, rng):
     """With exactly as many as wanted, and no event more; whether a marked end or the count comes before it."""
     config = CONFIGS[name]
-    gap, stall = FLOWS[flow]
     corner, batches, counts = (12, 9), [], []
     for wanted, thinning in ((1, 1), (7, 1), (2, 3), (config.buffer_events, 1), (12, 1), (1, 1), (5, 2)):
         points = moving_points(config, rng, 85, span=5000)
@@ -273,24 +255,21 @@ def test_a_batch_ends_with_its_roi_events(name, flow, rng):
         chosen = settings(config, iterations=2, roi=corner, thinning=thinning)
         batches.append(Batch(events=points[:end], settings=chosen, end="roi", batch_roi_events=wanted))
         counts.append(wanted)
+    events, chosen = batches[1].events, batches[1].settings
     for how in ("last", "count"):
         # Ended otherwise one event before the limit would be met, and exactly with it.
-        batch = batches[1]
-        batches += [Batch(events=batch.events[:-1], settings=batch.settings, end=how, batch_roi_events=7)]
-        batches += [Batch(events=batch.events, settings=batch.settings, end=how, batch_roi_events=7)]
+        batches += [Batch(events=e, settings=chosen, end=how, batch_roi_events=7) for e in (events[:-1], events)]
         counts += [6, 7]
-    results, _ = run(config, batches, rng, gap=gap, stall=stall, free=False)
+    results, _ = run(config, batches, rng, **FLOWS[flow], free=False)
     assert [result.roi_events for result in results] == counts
 
 
 def test_thinning_follows_its_target(rng):
     """The factor of a batch is the one that its predecessor would have needed; without a target, the one given."""
     config = CONFIGS["small"].replace(buffer_events=20)
-    counts = [40, 40, 80, 10, 30, 30, 30]
-    targets = [20, 20, 20, 20, 0, 20, 20]
     batches = [
         spread(config, rng, count, thin_target=target, thinning=3, iterations=1)
-        for count, target in zip(counts, targets, strict=True)
+        for count, target in ((40, 20), (40, 20), (80, 20), (10, 20), (30, 0), (30, 20), (30, 20))
     ]
     results, _ = run(config, batches, rng)
     # 40 in 3; 2 for 40 events; still 2 for the 80, which overflow; 4 for those; by hand twice; 2 for 30.
@@ -343,20 +322,19 @@ def test_reset_in_the_middle(name, moment, rng):
     config = CONFIGS[name]
     core, reset, top = resettable(config)
     moved = [spread(config, rng, 20, iterations=2, eta=config.formats.eta.raw(8.0)) for _ in range(2)]
-    serial = config.buffers == 1
     come, came = at_moment(core, moment), []
 
     def before_tick(ctx, cycle):
         came.append(come(ctx))
         return came[-1]
 
-    first, _ = drive_core(core, moved, rng=rng, eager=serial, before_tick=before_tick)
+    first, _ = drive_core(core, moved, rng=rng, eager=config.buffers == 1, before_tick=before_tick)
     again = [
         # Where v and the ROI must be those of a reset; sees the whole image.
         Batch(events=[(t, x - 12, y - 9) for t, x, y in moved[0].events], settings=settings(config, iterations=3)),
         spread(config, rng, 30),
     ]
-    second, outcomes = drive_core(core, again, rng=rng, eager=serial)
+    second, outcomes = drive_core(core, again, rng=rng, eager=config.buffers == 1)
 
     async def bench(ctx):
         await first(ctx)
@@ -374,23 +352,18 @@ def test_reset_in_the_middle(name, moment, rng):
 
 def at_moment(core, moment):
     """For ``drive_core``, every cycle: has the second batch, of 20 events like the first, come to this moment?"""
-    votes = core.image.votes
-    counters = {
-        "events": lambda ctx: ctx.get(core.i.valid) & ctx.get(core.i.ready),
-        "votes": lambda ctx: ctx.get(votes.valid),
-        # Not the sweep after the reset; in one pass, the cycles in which no event is added to the sums.
-        "swept": lambda ctx: (
-            ctx.get(core.image.accumulator.sweep.valid if core.sweep_cycles else ~votes.valid)
-            & ctx.get(core.iteration_control.iterating)
-        ),
-        "traced": lambda ctx: ctx.get(core.trace.valid),
-    }
-    idle, each = core.iteration_latency, core.config.ascent_rule.evaluations
-    seen = dict.fromkeys((*counters, "cycles since the last event"), 0)
+    votes, idle, each = core.image.votes, core.iteration_latency, core.config.ascent_rule.evaluations
+    # Not the sweep after the reset; in one pass, the cycles in which no event is added to the sums.
+    sweeps = core.image.accumulator.sweep.valid if core.sweep_cycles else ~votes.valid
+    counted = {
+        "events": core.i.valid & core.i.ready, "votes": votes.valid, "traced": core.trace.valid,
+        "swept": sweeps & core.iteration_control.iterating,
+    }  # fmt: skip
+    seen = dict.fromkeys((*counted, "cycles since the last event"), 0)
 
     def come(ctx):
-        for name, counter in counters.items():
-            seen[name] += counter(ctx)
+        for name, signal in counted.items():
+            seen[name] += ctx.get(signal)
         seen["cycles since the last event"] += seen["events"] == 40
         # Two iterations a batch.
         return {

@@ -2,8 +2,7 @@
 
 A test asks for what is named in its code, in that of its fixtures, and in that of all helpers of ``tests`` that these
 name. It is long if one of these is a door of :data:`DOORS`, or one to hardware that is not in :data:`designs.QUICK`.
-What no name tells, such as the engine in a command's options, a fixture says: ``long_tools``. With ``--guard`` a
-test that is not long may start no process, and no design outside ``QUICK``.
+What no name tells, such as the engine in a command's options, a fixture says: ``long_tools``.
 """
 
 import contextlib
@@ -15,10 +14,8 @@ import types
 from pathlib import Path
 
 import pytest
-from amaranth.back import verilog
 
 from cmfpga.config import Config
-from cmfpga.verilog import compile
 from support import designs
 
 ROOT = Path(__file__).parents[1]
@@ -59,12 +56,7 @@ HARDWARE_DOORS = {
 HARDWARE_FIXTURES = {"compiler", "emitted"}
 
 #: Fixtures that are doors.
-FIXTURES = {
-    "browser": "browser",
-    "data_dir": "recordings",
-    "process": "process",
-    "long_tools": "long tools",
-}
+FIXTURES = {"browser": "browser", "data_dir": "recordings", "process": "process", "long_tools": "long tools"}
 #: Of these none is quick: what they start is translated for a minute where it was never used before.
 SLOW_TO_START = {"solver", "Yosys"}
 #: One of each other kind, which ``make test`` runs nevertheless.
@@ -195,11 +187,6 @@ def long_tools():
 
 def pytest_addoption(parser):
     parser.addoption("--why-long", action="store_true", help="say what is long about each test that is chosen")
-    parser.addoption("--guard", action="store_true", help="fail tests that are not long and start a tool all the same")
-
-
-def pytest_configure(config):
-    _running.strict = config.getoption("--guard")
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -211,67 +198,3 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.long(*sorted(why)))
         if config.getoption("--why-long"):
             print(item.nodeid, *sorted(why), sep="  ")
-
-
-# ---------------------------------------------------------------- the guard
-
-#: The running test that is not long, what it was refused, and how deep it is within what is allowed.
-_running = types.SimpleNamespace(strict=False, quick=None, refused=[], allowed=0)
-
-
-#: Programs that packages ask for something when they are imported.
-INSTANT = {"git"}
-
-
-def _refuse(what):
-    if _running.strict:
-        _running.refused.append(f"{what}: not in a quick test; one that asks for fixture long_tools is long")
-        pytest.fail(_running.refused[-1], pytrace=False)
-
-
-def _audit(event, arguments):
-    if _running.quick and event in ("subprocess.Popen", "os.posix_spawn", "os.fork") and not _running.allowed:
-        command = arguments[1] if event == "subprocess.Popen" else arguments[:1]
-        words = [str(word) for word in command] if isinstance(command, list | tuple) else str(command).split()
-        if Path(words[0] if words else event).name not in INSTANT and words[1:] != ["--version"]:
-            _refuse(" ".join([Path((words or [event])[0]).name, *words[1:]])[:80])
-
-
-sys.addaudithook(_audit)
-
-
-def _guarded(function, top_of):
-    """``function`` of a design, which a quick test may call for those of ``QUICK`` alone."""
-
-    def guarded(design, *arguments, **options):
-        config, top = getattr(design, "config", None), top_of(arguments, options)
-        if _running.quick and isinstance(config, Config) and (config.hardware_hash, top) not in designs.QUICK:
-            _refuse(f"{top} of other hardware than designs.QUICK")
-        _running.allowed += 1
-        try:
-            return function(design, *arguments, **options)
-        finally:
-            _running.allowed -= 1
-
-    return guarded
-
-
-compile._library = _guarded(compile._library, lambda arguments, options: options["top"])
-verilog.convert = _guarded(verilog.convert, lambda arguments, options: options.get("name", "top"))
-
-
-@pytest.hookimpl(hookwrapper=True)
-def pytest_runtest_protocol(item, nextitem):
-    _running.refused.clear()
-    _running.quick = None if item.get_closest_marker("long") or item.nodeid.removeprefix("tests/") in SMOKE else item
-    yield
-    _running.quick = None
-
-
-@pytest.hookimpl(hookwrapper=True)
-def pytest_runtest_call(item):
-    outcome = yield
-    if _running.refused:
-        refused, _running.refused[:] = _running.refused[0], []
-        if not outcome.excinfo:
-            outcome.force_exception(pytest.fail.Exception(refused, pytrace=False))

@@ -122,38 +122,26 @@ def play(block, script, *, flows=("o",), watch=()):
     return recording
 
 
-def flow_script(block, items, gaps, rng, *, flow="i", drain=None):
+def flow_script(block, items, gaps, rng, *, drain=None):
     """(script, pushed): offer ``items``, each after its gap; ``pushed`` are their cycles.
 
     An item is a payload, or (payload, {path: value} of other inputs in its cycle). In the gaps, random values stand
     on the payload, so that a block that ignores ``valid`` is found. The idle end is long enough for every item to
     come out, and for surplus ones to be seen.
     """
-    noise = random_values(member(block, flow).payload.shape(), rng)
+    noise = random_values(block.i.payload.shape(), rng)
     script, pushed = [], []
 
     def idle(cycles):
-        script.extend({f"{flow}.payload": next(noise)} for _ in range(cycles))
+        script.extend({"i.payload": next(noise)} for _ in range(cycles))
 
     for item, gap in zip(items, gaps, strict=True):
         payload, others = item if isinstance(item, tuple) else (item, {})
         idle(gap)
         pushed.append(len(script))
-        script.append({f"{flow}.valid": 1, f"{flow}.payload": payload, **others})
+        script.append({"i.valid": 1, "i.payload": payload, **others})
     idle(block.latency + 5 if drain is None else drain)
     return script, pushed
-
-
-def check_flow(block, items, expected, *, gaps, rng, before=()):
-    """One item out per item in: the expected payloads, in order, each :attr:`latency` cycles later."""
-    script, pushed = flow_script(block, items, gaps, rng)
-    recording = play(block, [*before, *script])
-    came = recording.values()
-    for number, (value, wanted) in enumerate(zip(came, expected, strict=False)):
-        assert value == wanted, f"item {number} of {len(expected)} ({items[number]})"
-    assert len(came) == len(expected), f"{len(came)} of {len(expected)} items came out"
-    check_latency(block, [cycle + len(before) for cycle in pushed], recording)
-    return pushed, recording.cycles()
 
 
 def check_latency(block, pushed, recording):

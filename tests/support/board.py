@@ -194,24 +194,18 @@ class Interrupts:
 
 def uio_tree(root, *, buffers):
     """A folder that looks like a Linux with our overlay; ``buffers``: {name: (address, size)}. Files, no devices."""
-    for number, (name, address) in enumerate((("cmfpga", Board.REGISTERS), ("cmfpga-dma", Board.DMA))):
-        folder = root / f"sys/class/uio/uio{number + 3}"
-        (folder / "maps/map0").mkdir(parents=True)
-        (folder / "name").write_text(f"{name}\n")
-        (folder / "maps/map0/size").write_text("0x0000000000010000\n")
-        (folder / "maps/map0/addr").write_text(f"{address:#018x}\n")
-        (root / "dev").mkdir(exist_ok=True)
-        (root / f"dev/uio{number + 3}").write_bytes(bytes(0x10000))
+    files = {"sys/kernel/debug/clk/pl0_ref/clk_enable_count": "1\n"}
+    for number, (name, address) in enumerate((("cmfpga", Board.REGISTERS), ("cmfpga-dma", Board.DMA)), 3):
+        folder = f"sys/class/uio/uio{number}"
+        files |= {f"{folder}/name": f"{name}\n", f"{folder}/maps/map0/size": "0x0000000000010000\n"}
+        files |= {f"{folder}/maps/map0/addr": f"{address:#018x}\n", f"dev/uio{number}": "\0" * 0x10000}
     for name, (address, size) in buffers.items():
-        folder = root / "sys/class/u-dma-buf" / name
-        folder.mkdir(parents=True)
-        (folder / "phys_addr").write_text(f"{address:#018x}\n")
-        (folder / "size").write_text(f"{size}\n")
-        (folder / "dma_coherent").write_text("0\n")
-        (root / "dev" / name).write_bytes(bytes(size))
-    clock = root / "sys/kernel/debug/clk/pl0_ref"
-    clock.mkdir(parents=True)
-    (clock / "clk_enable_count").write_text("1\n")
+        folder = f"sys/class/u-dma-buf/{name}"
+        files |= {f"{folder}/phys_addr": f"{address:#018x}\n", f"{folder}/size": f"{size}\n"}
+        files |= {f"{folder}/dma_coherent": "0\n", f"dev/{name}": "\0" * size}
+    for path, content in files.items():
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).write_text(content)
     return root
 
 

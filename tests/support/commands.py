@@ -91,7 +91,8 @@ def small():
     return options(PAPER)
 
 
-def _dot_events():
+@pytest.fixture(scope="session")
+def dot_events():
     """600 events in 6 ms: an L of 5 by 5 pixels that moves to the right by 2.5 px/ms, and some noise."""
     rng = np.random.default_rng(20)
     t = 50_000 + np.arange(600) * 10
@@ -102,11 +103,6 @@ def _dot_events():
     noise = rng.random(600) < 0.1
     x, y = np.where(noise, rng.integers(32, size=600), x), np.where(noise, rng.integers(24, size=600), y)
     return Events(t, x, y, rng.integers(2, size=600))
-
-
-@pytest.fixture(scope="session")
-def dot_events():
-    return _dot_events()
 
 
 @pytest.fixture(scope="session")

@@ -1,10 +1,10 @@
 """The core under test: batches that are offered to it, results that are taken, and the model that it must equal."""
 
+import functools
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from cmfpga.config.schedule import used_events
 from cmfpga.engines.rtl import nested
 from cmfpga.protocol.confidence import Curvature
 from cmfpga.protocol.flags import Flag
@@ -12,6 +12,7 @@ from cmfpga.protocol.results import COUNTS, not_judged
 from cmfpga.protocol.settings import BatchSettings, settings_values, table_entry
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl import payloads
+from cmfpga.rtl.core import Core
 from support.values import Port, random_values
 from support.votes import bank_pixels
 
@@ -200,7 +201,9 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             assert not any(sums.values())
         assert cycles == outcome.done - outcome.opened
         if free and not degenerate:
-            assert cycles == cycles_of(config, wanted, model.plan), f"batch {number}"
+            counts = {"events": wanted.events, "roi_events": wanted.roi_events, "iterations": model.plan}
+            judged = bool(wanted.confidence_limit)
+            assert cycles == _core(config).cycles(**counts, judge=judged), f"batch {number}"
     return results
 
 
@@ -211,56 +214,5 @@ def _named(value):
     return dict(zip(Curvature._fields if len(value) == 3 else ("least",), value, strict=True))
 
 
-def cycles_of(config, result, plan):
-    """:meth:`Core.cycles` without a core: N + Σ n_k + T·(P/4 + L) + constant, its latencies as numbers."""
-    events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
-    turns = 5 - config.evaluators if config.ascent == "newton" else 1  # cycles of an event
-    iterated = turns * sum(used_events(plan, result.roi_events)) + len(plan) * per_iteration(config)
-    if config.ascent == "newton":
-        iterated += verdict_cycles(config) * bool(result.confidence_limit)
-    elif result.confidence_limit:
-        iterated += len(result.v) * (result.roi_events + per_iteration(config)) + judge_cycles(config)
-    return events + iterated + constant_cycles(config)
-
-
-#: What a batch of fewer events takes with two buffers: the next ROI must be known.
-SHORTEST = 8
-
-
-def per_iteration(config):
-    """P/4 + L as a number, L in one pass."""
-    if config.ascent == "newton":  # serial sums, and the ascent
-        levels = 1 if config.max_level else 0
-        division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
-        return levels + 3 + 3 + 9 + (6 if config.evaluators == 4 else 1) + division + solver_cycles(config)
-    division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
-    division = division if config.motion == "translation" else 3  # flow and moments take four cycles, the gradient none
-    ascent = (0 if config.ascent_rule.has_table else 3) + (1 if config.max_level else 0)
-    return division + ascent + 16 + (config.geometry.bank_words if config.gradient == "sweep" else 1)
-
-
-def judge_cycles(config):
-    """Cycles of a batch whose v is probed, beside those of the probes' iterations."""
-    return 5 + max(config.buffer_events.bit_length(), 10)
-
-
-def verdict_cycles(config):
-    """Cycles of a batch whose v is judged in rounds: what the verdict takes longer than the ascent."""
-    drop = config.widths.curvature_bits - 17
-    squares = 1 if config.widths.sum_i_bits <= 17 else 4
-    division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
-    return max(1, squares + 29 + drop // 4 + min(3, drop) - division - solver_cycles(config))
-
-
-def solver_cycles(config):
-    """Cycles from a round's last gradient to the next v: those of normalising, a bit of the quotient each, and 20."""
-    drop = config.widths.round_bits - 17
-    fours = max(0, drop - 3) // 4
-    return fours + (drop - 4 * fours) + config.v_frac + 20
-
-
-def constant_cycles(config):
-    """Cycles of a batch that depend on neither N, n nor T, as a number."""
-    dither = 2 if config.dither_frac else 0
-    dither += 8 if config.undistortion == "on" else 0
-    return config.span_bits + config.reciprocal_bits + dither + (30 if config.buffers == 1 else 22)
+#: For the formula of its cycles.
+_core = functools.cache(Core)

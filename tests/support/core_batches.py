@@ -73,7 +73,7 @@ CONFIGS = {
     "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
 }  # fmt: skip
 
-FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
+FLOWS = {"free": {}, "gaps": {"gap": 0.4}, "stalls": {"stall": 0.8}, "both": {"gap": 0.4, "stall": 0.8}}
 
 
 def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
@@ -188,9 +188,9 @@ def run(config, batches, rng, *, gap=0.0, stall=0.0, eager=True, free=True, core
             compared.add(done)
             check_core(config, batches[:done], outcomes[:done])
 
-    before_tick = compare if core else None
+    flow = {"gap": gap, "stall": stall, "eager": eager, "before_tick": compare if core else None}
     core = core or core_of(config)
-    bench, outcomes = drive_core(core.top, batches, rng=rng, gap=gap, stall=stall, eager=eager, before_tick=before_tick)
+    bench, outcomes = drive_core(core.top, batches, rng=rng, **flow)
     core.simulate(bench)
     # With two buffers the cycles of a batch depend on the one before, if it is offered while that is under way.
     alone = config.buffers == 1 or not eager

@@ -35,12 +35,7 @@ SHELL = preset("fast").replace(**SHELL_SIZES)
 #: What a test that is not long may emit and compile, each once a run: (hardware, top module).
 QUICK = {
     (config.hardware_hash, top)
-    for config, *tops in (
-        (SMALL, TOP),
-        (configured(FAST), TOP),
-        (SHELL, AXI_TOP, UART_TOP),
-        (Config(**TINY), TOP),
-    )
+    for config, *tops in ((SMALL, TOP), (configured(FAST), TOP), (SHELL, AXI_TOP, UART_TOP), (Config(**TINY), TOP))
     for top in tops
 }
 #: Fields that make one of them, wherever they are used as options.

@@ -1,5 +1,6 @@
 """The simulated hardware of the driver's tests, compiled once, and batches for it."""
 
+import contextlib
 import time
 
 import numpy as np
@@ -47,17 +48,12 @@ def model_run(model, events, roi=None, config=CONFIG):
     return model.run(events, BatchSettings.from_config(config, roi))[0]
 
 
+@contextlib.contextmanager
 def within(seconds):
     """Fails if what stands in the block takes longer."""
-
-    class Timer:
-        def __enter__(self):
-            self.begin = time.monotonic()
-
-        def __exit__(self, *_):
-            assert time.monotonic() - self.begin < seconds
-
-    return Timer()
+    begin = time.monotonic()
+    yield
+    assert time.monotonic() - begin < seconds
 
 
 def works(accelerator, rng, sizes=(120, 120)):

@@ -10,24 +10,21 @@ def cell(kind, parameters=None, **wires):
     return {"type": kind, "parameters": dict(parameters or {}), "connections": wires, "port_directions": directions}
 
 
+def register(data, out, **changes):
+    """Register with an enable; ``changes``: of its parameters."""
+    parameters = {"CEMUX": "CE", "CLKMUX": "CLK", "REGSET": "RESET"} | changes
+    return cell("TRELLIS_FF", parameters, CLK=2, CE=4, DI=data, Q=out)
+
+
 def twice_waiting(**changes):
     """A multiplier, both factors of which come through three registers in a row, and its product through one.
 
     ``changes``: parameters of the second before factor B.
     """
-    register = {"CEMUX": "CE", "CLKMUX": "CLK", "REGSET": "RESET"}
-    cells = {"it": cell("MULT18X18D", A0=13, A1="0", B0=23, P0=30)}
-    cells["product"] = cell("TRELLIS_FF", register, CLK=2, CE=4, DI=30, Q=31)
-    for first in (10, 20):
-        for k in range(3):
-            found = register | (changes if (first, k) == (20, 1) else {})
-            cells[f"register_{first + k}"] = cell("TRELLIS_FF", found, CLK=2, CE=4, DI=first + k, Q=first + k + 1)
+    cells = {"it": cell("MULT18X18D", A0=13, A1="0", B0=23, P0=30), "product": register(30, 31)}
+    for net in (10, 11, 12, 20, 21, 22):
+        cells[f"register_{net}"] = register(net, net + 1, **(changes if net == 21 else {}))
     return {"ports": {"o": {"bits": [31]}}, "cells": cells}
-
-
-def register(data, out):
-    """As those of :func:`twice_waiting`."""
-    return cell("TRELLIS_FF", {"CEMUX": "CE", "CLKMUX": "CLK", "REGSET": "RESET"}, CLK=2, CE=4, DI=data, Q=out)
 
 
 def adder(**wires):

@@ -7,6 +7,7 @@ import numpy as np
 from cmfpga.config import preset
 from cmfpga.engines.rtl import flat, nested
 from cmfpga.protocol.regions import row_shape, tables
+from cmfpga.protocol.results import decode
 from cmfpga.protocol.settings import settings_values
 from cmfpga.protocol.shapes import leaves
 from cmfpga.reference.integer.core import IntegerCore
@@ -44,17 +45,9 @@ CONFIGS = {
 }  # fmt: skip
 
 
-def _plans(config):
-    """Schedules that the configuration may have."""
-    if config.ascent == "newton":
-        return PLANS
-    return [plan for plan in SIGN_PLANS if not config.confidence or plan[-1].stride == 1]
-
-
 def random_window(config, rng, kind="any"):
     """Events ``(t, x, y)``: of a few points that move and of noise, some with wrong times; or all in one bin."""
-    count = int(rng.choice([1, 2, 30, 100, config.slice_events]))
-    count = min(count, config.slice_events)
+    count = min(int(rng.choice([1, 2, 30, 100, config.slice_events])), config.slice_events)
     events = np.array(moving_points(config, rng, count, bad_times=0.1), np.int64).T
     if kind == "one bin":
         events[1:] = events[1:] % 4
@@ -62,7 +55,9 @@ def random_window(config, rng, kind="any"):
 
 
 def random_settings(config, rng):
-    plans = _plans(config)
+    plans = PLANS
+    if config.ascent != "newton":
+        plans = [plan for plan in SIGN_PLANS if not config.confidence or plan[-1].stride == 1]
     cold, warm = (plans[int(rng.integers(len(plans)))] for _ in range(2))
     chosen = settings(
         config, min_roi_events=int(rng.integers(1, 4)), roi_gain=int(rng.integers(1 << 6)), cold=cold, warm=warm
@@ -73,14 +68,11 @@ def random_settings(config, rng):
             cold_after_doubtful=int(rng.integers(2)),
         )  # fmt: skip
     if config.motion_model.basis:
-        chosen = dataclasses.replace(chosen, v_start=random_start(config, rng))
+        # Half of the parameters anywhere in a quarter of their range.
+        limits = [parameter.fmt for parameter in config.motion_model.parameters]
+        v_start = tuple(int(rng.integers(fmt.min, fmt.max + 1) * rng.integers(2)) // 4 for fmt in limits)
+        chosen = dataclasses.replace(chosen, v_start=v_start)
     return chosen
-
-
-def random_start(config, rng):
-    """Raw, of every parameter, half of them anywhere in a quarter of its range."""
-    limits = [parameter.fmt for parameter in config.motion_model.parameters]
-    return tuple(int(rng.integers(fmt.min, fmt.max + 1) * rng.integers(2)) // 4 for fmt in limits)
 
 
 def random_run(config, rng, regions):
@@ -106,49 +98,16 @@ def without_clock(result):
     )
 
 
-async def _play(ctx, block, config, writes, table, windows, values, found, stalls):
-    """Fill the tables, offer windows, take results: ports by their Verilog names, in the order in which they come."""
-    for name, rows in (("schedule_write", table), ("row_write", writes)):
-        port = getattr(block, name)
-        for row in rows:
-            ctx.set(port.valid, 1)
-            ctx.set(port.payload, row)
-            await ctx.tick()
-        ctx.set(port.valid, 0)
-    ctx.set(block.settings, nested(block.settings.shape(), values))
-    events = [
-        (*event, number + 1 == len(window[0]))
-        for window in windows
-        for number, event in enumerate(zip(*window, strict=True))
-    ]
-    wanted, sent, waited = len(windows) * len(writes), 0, 0
-    wrap = (1 << config.time_bits) - 1
-    while len(found) < wanted:
-        ctx.set(block.i.valid, sent < len(events))
-        if sent < len(events):
-            t, x, y, last = (int(part) for part in events[sent])
-            ctx.set(block.i.payload, {"t": t & wrap, "x": x, "y": y, "last": last})
-        ctx.set(block.o.ready, waited >= stalls)
-        _, _, accepted, valid, result = await ctx.tick().sample(
-            block.i.valid & block.i.ready, block.o.valid, block.o.payload
-        )
-        sent += accepted
-        if valid and waited >= stalls:
-            found.append(flat(result))
-        waited = waited + 1 if valid and waited < stalls else 0
-        yield
+def check_amaranth(config, regions, windows, chosen, wanted, *, names, limit, stalls=0):
+    """Windows in Amaranth's simulator: AssertionError at the first result that is not right, or after ``limit`` cycles.
 
-
-def run_amaranth(config, regions, windows, chosen, *, limit, stalls=0, check=None):
-    """Results of windows by Amaranth's simulator, a dictionary each; AssertionError after ``limit`` cycles.
-
-    ``check`` is called with those that there are, each time one comes.
+    ``wanted``: of each window the model's results of its regions, of which the fields ``names`` are compared.
     """
-    block, found = Regions(config), []
+    block, missing = Regions(config), set()
     rows, table = tables(config, regions, chosen)
-    names = [name.removeprefix("row_") for name in leaves("row", row_shape(config))]
-    writes = [
-        {"number": number, "fresh": 1, "row": nested(payloads.row(config), dict(zip(names, row, strict=True)))}
+    keys = [name.removeprefix("row_") for name in leaves("row", row_shape(config))]
+    rows = [
+        {"number": number, "fresh": 1, "row": nested(payloads.row(config), dict(zip(keys, row, strict=True)))}
         for number, row in enumerate(rows)
     ]
     entries = [
@@ -156,15 +115,46 @@ def run_amaranth(config, regions, windows, chosen, *, limit, stalls=0, check=Non
         for address, entry in enumerate(table)
     ]
     values = settings_values(config, dataclasses.replace(chosen, rows=len(regions)))
+    wrap = (1 << config.time_bits) - 1
+    events = [
+        {"t": int(t) & wrap, "x": int(x), "y": int(y), "last": number + 1 == len(window[0])}
+        for window in windows
+        for number, (t, x, y) in enumerate(zip(*window, strict=True))
+    ]
+
+    def compare(row, number):
+        missing.update(() if missing else range(len(regions)))
+        assert row["region"] in missing
+        missing.remove(row["region"])
+        assert row["last"] == (not missing)
+        one, right = decode(config, row), wanted[number][row["region"]]
+        assert {name: one[name] for name in names} == {name: getattr(right, name) for name in names}
 
     async def bench(ctx):
-        cycles = seen = 0
-        async for _ in _play(ctx, block, config, writes, entries, windows, values, found, stalls):
-            cycles += 1
-            if check and len(found) > seen:
-                check(found)
-            seen = len(found)
-            assert cycles < limit, f"{len(found)} results after {limit} cycles"
+        for port, writes in ((block.schedule_write, entries), (block.row_write, rows)):
+            ctx.set(port.valid, 1)
+            for write in writes:
+                ctx.set(port.payload, write)
+                await ctx.tick()
+            ctx.set(port.valid, 0)
+        ctx.set(block.settings, nested(block.settings.shape(), values))
+        sent = waited = results = 0
+        for _ in range(limit):
+            ctx.set(block.i.valid, sent < len(events))
+            if sent < len(events):
+                ctx.set(block.i.payload, events[sent])
+            taken = waited >= stalls
+            ctx.set(block.o.ready, taken)
+            _, _, accepted, valid, result = await ctx.tick().sample(
+                block.i.valid & block.i.ready, block.o.valid, block.o.payload
+            )
+            sent += accepted
+            waited = waited + 1 if valid and not taken else 0
+            if valid and taken:
+                compare(flat(result), results // len(regions))
+                results += 1
+                if results == len(windows) * len(regions):
+                    return
+        raise AssertionError(f"{results} results after {limit} cycles")
 
     simulate(block, bench)
-    return found

@@ -35,15 +35,8 @@ class SimulatedLine:
 
     Its times are the board's, in seconds of a clock of 1 MHz, which is about what a computer simulates.
 
-    Parameters
-    ----------
-    config : Config
-    divisor : int
-        Clock cycles per bit.
-    sensor_clock : float
-        Of the sensor's port, in parts of the board's clock; at most 5.
-    seed : int
-        Of the memories' contents at the begin.
+    ``divisor``: clock cycles per bit; ``sensor_clock``: of the sensor's port, in parts of the board's clock, at most 5;
+    ``seed``: of the memories' contents at the begin.
     """
 
     def __init__(self, config, *, divisor=5, sensor_clock=0.83, seed=1):
@@ -65,13 +58,7 @@ class SimulatedLine:
         return room[:count].tobytes()
 
     def play(self, levels):
-        """Put levels on the sensor's pins, and wait until they were there.
-
-        Parameters
-        ----------
-        levels : uint8 array [cycles of the sensor's clock, 3]
-            Data, HSYNC and VSYNC.
-        """
+        """Put levels on the sensor's pins, and wait until they were there: data, HSYNC, VSYNC, uint8 [cycles, 3]."""
         levels = np.ascontiguousarray(levels, np.uint8)
         self._library.uart_sensor(self._handle, ctypes.c_void_p(levels.ctypes.data), ctypes.c_int64(len(levels)))
         while self._library.uart_sensor_left(self._handle):

@@ -60,9 +60,9 @@ def verilated_engine(verilated_core):
     return engine_of(verilated_core)
 
 
-def make_events(rng, count, t=None, right=20, bottom=16):
+def make_events(rng, count, t=None):
     t = np.sort(rng.integers(0, 1000, count)) if t is None else t
-    return Events(t, rng.integers(4, right, count), rng.integers(4, bottom, count), np.zeros(count))
+    return Events(t, rng.integers(4, 20, count), rng.integers(4, 16, count), np.zeros(count))
 
 
 def settings(roi=None, **changes):

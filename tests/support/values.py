@@ -92,6 +92,13 @@ def edge_integers(rng, low, high, count):
     return np.where(rng.random(count) < 0.5, rng.choice(edges, count), anywhere)
 
 
+def random_g(config, rng):
+    """A gradient G of any magnitude, zero, or at its bound."""
+    if rng.random() < 0.3:
+        return int(rng.choice([0, -1, 1, config.widths.g_max, -config.widths.g_max]))
+    return int(2.0 ** rng.uniform(0, config.widths.g_bits - 1)) * int(rng.choice([-1, 1]))
+
+
 def random_gaps(rng, count, probability):
     """Idle cycles before each of ``count`` items."""
     return np.where(rng.random(count) < probability, rng.integers(1, 5, count), 0).tolist()

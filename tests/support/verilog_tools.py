@@ -35,9 +35,8 @@ def emitted(config):
 
 def modules(text):
     """``{name: text}`` of the modules."""
-    found = re.findall(r"^module (\S+?) ?\(.*?^endmodule$", text, re.DOTALL | re.MULTILINE)
     texts = re.findall(r"^module .*?^endmodule$", text, re.DOTALL | re.MULTILINE)
-    return dict(zip(found, texts, strict=True))
+    return {re.match(r"module (\S+?) ?\(", text)[1]: text for text in texts}
 
 
 def run(command, **options):

@@ -8,26 +8,16 @@ from cmfpga.reference.integer.ascent import gain, updater
 from cmfpga.rtl.ascent.constant import ConstantAscent
 from support.bench import held, play
 from support.configs import CONFIGS, ODD
-from support.values import edge_integers, random_value
+from support.values import edge_integers, random_g, random_value
 
 SHAPES = {
-    **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},
+    **CONFIGS,
     # The gradient is shifted left to its format, and the step is shifted left to v's.
     "left": Config(**ODD, gradient_int=4, gradient_frac=32),
     "left step": Config(**ODD, v_frac=16, gradient_int=6, gradient_frac=4, eta_int=6, eta_frac=1),
     # Steps so large that one of them crosses all of v.
     "steep": Config(**ODD, v_int=2, gradient_int=20, gradient_frac=8),
 }
-
-
-def random_g(config, rng, count):
-    """G of every magnitude, and its bounds."""
-    exponents = rng.uniform(0, config.widths.g_bits - 1, count)
-    values = [
-        int(2.0**exponent) * int(sign) for exponent, sign in zip(exponents, rng.choice([-1, 1], count), strict=True)
-    ]
-    bounds = [0, -1, 1, config.widths.g_max, -config.widths.g_max]
-    return [bounds[int(rng.integers(5))] if rng.random() < 0.2 else value for value in values]
 
 
 def check(config, batches, *, spacing=None, seed=0):
@@ -89,12 +79,10 @@ def check(config, batches, *, spacing=None, seed=0):
 def random_batches(config, rng, count, iterations=12):
     batches = []
     for number in range(count):
-        start = (
-            tuple(edge_integers(rng, config.formats.v.min, config.formats.v.max, 2).tolist()) if number % 3 else None
-        )
+        v = edge_integers(rng, config.formats.v.min, config.formats.v.max, 2).tolist()
+        start = tuple(v) if number % 3 else None
         eta = int(edge_integers(rng, 0, config.formats.eta.max, 1)[0])
-        pairs = zip(random_g(config, rng, iterations), random_g(config, rng, iterations), strict=True)
-        batches.append((start, eta, list(pairs)))
+        batches.append((start, eta, [(random_g(config, rng), random_g(config, rng)) for _ in range(iterations)]))
     return batches
 
 
@@ -116,11 +104,8 @@ def test_shapes_cover_both_signs_of_every_shift():
 
 def g_of_slope(config, slope):
     """A G that the shift turns into ``slope``."""
-    return (
-        slope << config.widths.gradient_shift
-        if config.widths.gradient_shift >= 0
-        else slope >> -config.widths.gradient_shift
-    )
+    shift = config.widths.gradient_shift
+    return slope << shift if shift >= 0 else slope >> -shift
 
 
 @pytest.mark.parametrize("sign", [-1, 1])

@@ -13,7 +13,7 @@ from support.configs import CONFIGS
 from support.values import edge_integers, random_value
 
 SHAPES = {
-    **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},
+    **CONFIGS,
     # Of whole cells ΣD = 0, and takes nothing; P a power of two, and not.
     "whole": preset("fast").replace(ascent="constant"),
     "whole, 60×40": preset("fast").replace(roi_width=60, roi_height=40),

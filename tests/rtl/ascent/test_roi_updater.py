@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config
-from cmfpga.protocol.settings import clamp_roi
-from cmfpga.reference.sequence import RoiFollower, move_within
+from cmfpga.reference.sequence import RoiFollower
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
 from support.bench import held, play
 from support.configs import CONFIGS, ODD, TINY
@@ -24,87 +23,25 @@ SHAPES = {
 CORNER = ("corner.roi", "corner.roi_next", "corner.clamped")
 
 
-def noise_of(config, block, rng):
-    """Anything on the inputs, where nothing counts without its strobe."""
-    noise = {"x": random_value(config.geometry.x_bits, rng), "y": random_value(config.geometry.y_bits, rng)}
-    noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.formats.roi_gain.width, rng)}
-    return noise | {"load": int(rng.integers(2)), "still": int(rng.integers(2))}
-
-
-def compare(recording, timeline):
-    """Corner and flag of every cycle."""
-    for number, (corner, clamped) in enumerate(held(timeline, len(recording["corner.roi"]))):
-        roi = recording["corner.roi"][number]
-        assert ((roi["x"], roi["y"]), bool(recording["corner.clamped"][number])) == (corner, clamped), f"cycle {number}"
-
-
-def check(config, batches, seed=0):
+def check(config, batches, buffers=1, *, hurry=False, seed=0):
     """Batches of (corner to load or None, v, gain, whether to move); compares corner and flag in every cycle.
 
-    A move that is none is ``still`` half of the time, and no ``move`` at all otherwise.
+    With one buffer a move follows its batch's crop, after any time; a move that is none is ``still`` half of the time,
+    and no ``move`` at all otherwise. With two every batch is cropped before the move of the one ahead of it, and the
+    next crop follows :attr:`RoiUpdater.settle` cycles later, with ``hurry`` in the first cycle in which it may. Where a
+    batch loads its ROI, nothing moves. Returns (corner, clamped) of each crop, and with one buffer of each move.
     """
-    rng = np.random.default_rng(seed)
-    block = RoiUpdater(config)
-    script, position, clamped = [], (0, 0), False
-    timeline = {0: ((0, 0), False)}
-
-    def cycle(**values):
-        quiet = {"load": 0} if "new_batch" in values else {"still": 0} if "v" in values else {}
-        script.append(noise_of(config, block, rng) | quiet | values)
-
-    def note(at):
-        frac = config.formats.roi_x.f
-        timeline[at] = tuple((axis + (1 << (frac - 1))) >> frac for axis in position), clamped
-
-    cycle()
-    for load, v, gain, move in batches:
-        clamped = False
-        if load is None:
-            cycle(new_batch=1)
-        else:
-            cycle(new_batch=1, load=1, x=load[0], y=load[1])
-            corner, clamped = clamp_roi(config, load)
-            position = tuple(axis << config.formats.roi_x.f for axis in corner)
-        note(len(script))
-        for _ in range(int(rng.integers(3))):
-            cycle()
-        if move:
-            start = len(script)
-            # v stands from `move` on.
-            for number in range(block.latency):
-                cycle(**({"move": 1, "roi_gain": gain} if number == 0 else {}), v={"x": v[0], "y": v[1]})
-            # Eq. roi_update, which has a gain of 1: exact, no bit is rounded away.
-            frac = config.formats.roi_x.f
-            limits = (config.geometry.roi_x_max << frac, config.geometry.roi_y_max << frac)
-            position, limited = move_within(position, tuple(axis * gain for axis in v), limits)
-            clamped |= limited
-            note(start + block.latency)
-        elif rng.random() < 0.5:
-            for number in range(block.latency):
-                cycle(move=int(number == 0), still=1)
-        cycle()
-    recording = play(block, script, flows=(), watch=CORNER).watch
-    assert recording["corner.roi_next"] == recording["corner.roi"]
-    compare(recording, timeline)
-    return list(timeline.values())
-
-
-def check_ahead(config, batches, seed=0, *, hurry=False):
-    """As :func:`check` with two buffers: every batch is cropped before the move of the one ahead of it.
-
-    The move follows a batch's crop, after any time, and the next crop :attr:`RoiUpdater.settle` cycles later, with
-    ``hurry`` in the first cycle in which it may. Where a batch loads its ROI, nothing moves. Returns (corner, clamped)
-    of each batch.
-    """
-    config = config.replace(buffers=2)
-    rng = np.random.default_rng(seed)
+    config, rng = config.replace(buffers=buffers), np.random.default_rng(seed)
     block, follower = RoiUpdater(config), RoiFollower(config, 1 << config.formats.roi_x.f)
-    script, crops, following = [], {0: ((0, 0), False)}, {}
-    step = None  # of the batch ahead: (v, gain, whether to move)
+    script, corners, following, ahead = [], {0: ((0, 0), False)}, {}, None
 
     def cycle(**values):
-        quiet = {"load": 0} if "new_batch" in values else {}
-        script.append(noise_of(config, block, rng) | quiet | values)
+        """Anything on the other inputs, where nothing counts without its strobe."""
+        noise = {"x": random_value(config.geometry.x_bits, rng), "y": random_value(config.geometry.y_bits, rng)}
+        noise |= {"v": random_value(block.v.shape(), rng), "still": int(rng.integers(2))}
+        noise |= {"roi_gain": random_value(config.formats.roi_gain.width, rng)}
+        noise["load"] = 0 if "new_batch" in values else int(rng.integers(2))
+        script.append(noise | values)
 
     def wait(longest=4):
         for _ in range(0 if hurry else int(rng.integers(longest))):
@@ -112,33 +49,38 @@ def check_ahead(config, batches, seed=0, *, hurry=False):
 
     wait()
     for load, *coming in batches:
-        if load is None:
-            cycle(new_batch=1)
-        else:
-            cycle(new_batch=1, load=1, x=load[0], y=load[1])
-        crops[len(script)] = follower.crop(load)
+        cycle(new_batch=1, **({} if load is None else {"load": 1, "x": load[0], "y": load[1]}))
+        corner, clamped = follower.crop(load)
+        corners[len(script)] = corner, clamped
+        if buffers == 2 and load is not None:  # nothing moves it
+            following[len(script) - 1 + block.settle] = follower.next_corner
         wait()
-        if load is None and step is not None:
+        step, stays = coming if buffers == 1 else ahead if load is None else None, {}
+        if step and (buffers == 2 or step[2] or rng.random() < 0.5):
             v, gain, moves = step
-            stays = {"v": {"x": v[0], "y": v[1]}}
+            stays = {"v": dict(zip("xy", v, strict=True))}  # from ``move`` on
             cycle(move=1, **stays, roi_gain=gain, still=int(not moves))
         else:
-            stays = {}
             cycle()
-        # ``move`` is followed by settle − 1 cycles, and what comes then sees the next ROI.
-        for _ in range(block.settle - 1):
+        for _ in range((block.latency if buffers == 1 else block.settle) - 1):
             cycle(**stays)
+        ahead, (v, gain, moves) = coming, coming
+        # Eq. roi_update, which has a gain of 1: exact, no bit is rounded away.
+        limited = follower.move(tuple(axis * gain for axis in v) if moves else None)
+        if buffers == 1 and moves:
+            corners[len(script)] = follower.next_corner, clamped | limited
         following[len(script)] = follower.next_corner
         wait(9)
         following[len(script)] = follower.next_corner
-        step = coming
-        follower.move(tuple(axis * coming[1] for axis in coming[0]) if coming[2] else None)
     cycle()
     recording = play(block, script, flows=(), watch=CORNER).watch
-    compare(recording, crops)
+    for number, (corner, clamped) in enumerate(held(corners, len(script))):
+        roi = tuple(recording["corner.roi"][number].values())
+        assert (roi, bool(recording["corner.clamped"][number])) == (corner, clamped), f"cycle {number}"
     for number, corner in following.items():
-        assert recording["corner.roi_next"][number] == dict(zip("xy", corner, strict=True)), f"cycle {number}"
-    return list(crops.values())[1:]
+        assert tuple(recording["corner.roi_next"][number].values()) == corner, f"cycle {number}"
+    assert buffers == 2 or recording["corner.roi_next"] == recording["corner.roi"]
+    return list(corners.values())[1:]
 
 
 def random_batches(config, rng, count):
@@ -155,16 +97,10 @@ def random_batches(config, rng, count):
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_matches_model(name, rng):
-    timeline = check(SHAPES[name], random_batches(SHAPES[name], rng, 150))
-    assert {clamped for _, clamped in timeline} == {False, True}
-
-
-@pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("hurry", [False, True])
-def test_with_two_buffers_matches_model(name, hurry, rng):
-    crops = check_ahead(SHAPES[name], random_batches(SHAPES[name], rng, 250), hurry=hurry)
-    assert {clamped for _, clamped in crops} == {False, True}
+@pytest.mark.parametrize("buffers, hurry", [(1, False), (2, False), (2, True)])
+def test_matches_model(name, buffers, hurry, rng):
+    corners = check(SHAPES[name], random_batches(SHAPES[name], rng, 200), buffers, hurry=hurry)
+    assert {clamped for _, clamped in corners} == {False, True}
 
 
 def test_with_two_buffers_the_last_move_is_repeated():
@@ -176,32 +112,14 @@ def test_with_two_buffers_the_last_move_is_repeated():
     batches = [((50, 60), *step), (None, *step), (None, *step), (None, *nothing), (None, *step), (None, *step)]
     batches += [((50, 60), *step), (None, *step), (None, *step)]
     # The first move is known when the second batch has been cropped, and then repeated for the third.
-    assert [corner for corner, _ in check_ahead(config, batches)] == [
+    assert [corner for corner, _ in check(config, batches, 2)] == [
         (50, 60), (50, 60), (56, 58), (59, 57), (62, 56), (59, 57), (50, 60), (50, 60), (56, 58),
     ]  # fmt: skip
 
 
-def test_settling_time():
-    """The cycle in which ``roi_next`` first shows a move, or a load: not later than promised."""
-    config = Config(buffers=2)
-    step = 4 << config.v_frac
-    block = RoiUpdater(config)
-    v = {"v": {"x": step, "y": step}}
-    idle = [v] * (block.settle + 6)
-    load = {"new_batch": 1, "load": 1, "x": 20, "y": 9}
-    script = [load, *idle, {"new_batch": 1}, v | {"move": 1, "roi_gain": 1 << config.roi_gain_frac}, *idle]
-    next_corners = play(block, script, flows=(), watch=CORNER).watch["corner.roi_next"]
-    for axis, at, then in (("x", 20, 28), ("y", 9, 17)):
-        seen = [row[axis] for row in next_corners]
-        loaded, moved = seen.index(at), seen.index(then)
-        begin = len(idle) + 2
-        assert loaded <= block.settle and moved - begin <= block.settle
-        assert set(seen[loaded : begin + 1]) == {at} and set(seen[moved:]) == {then}
-
-
-@pytest.mark.parametrize("checked", [check, check_ahead])
+@pytest.mark.parametrize("buffers", [1, 2])
 @pytest.mark.parametrize("name", SHAPES)
-def test_clamps_at_every_border(name, checked):
+def test_clamps_at_every_border(name, buffers):
     """To the first and last column and row, by a unit and by far, and back; with two buffers what is ahead, too."""
     config = SHAPES[name]
     unit = 1 << config.roi_gain_frac  # gain 1
@@ -211,23 +129,23 @@ def test_clamps_at_every_border(name, checked):
         for v in speeds:
             for velocity in ((v, 0), (0, v), (v, -v - (v < 0))):
                 batches.append((corner, velocity, unit, True))
-                if checked is check_ahead:
+                if buffers == 2:
                     batches += [*[(None, velocity, unit, True)] * 2, (None, (0, 0), unit, True)]
                     batches += [(None, velocity, 0, True), (None, velocity, unit, False)]
             # Exactly back to the border sets no flag.
             batches += [(corner, (0, 0), unit, True), (corner, (0, 0), 0, True)]
-    assert {clamped for _, clamped in checked(config, batches)} == {False, True}
+    assert {clamped for _, clamped in check(config, batches, buffers)} == {False, True}
 
 
-@pytest.mark.parametrize("checked, first", [(check, 1), (check_ahead, 0)])
-def test_load_out_of_range(checked, first):
+@pytest.mark.parametrize("buffers", [1, 2])
+def test_load_out_of_range(buffers):
     """Every corner beyond the last one is limited and flagged; the last one is not."""
     config = SHAPES["odd"]
     loads = [(config.geometry.roi_x_max + dx, config.geometry.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
     loads += [(63, 0), (0, 31), (63, 31), (0, 0)]
-    found = checked(config, [(load, (0, 0), 0, False) for load in loads])
+    found = check(config, [(load, (0, 0), 0, False) for load in loads], buffers)
     wanted = [load[0] > config.geometry.roi_x_max or load[1] > config.geometry.roi_y_max for load in loads]
-    assert [clamped for _, clamped in found[first:]] == wanted
+    assert [clamped for _, clamped in found] == wanted
 
 
 def test_flag_sticks_until_the_next_batch():
@@ -237,7 +155,7 @@ def test_flag_sticks_until_the_next_batch():
     timeline = check(
         config, [((60, 0), (-4096, 0), 16, True), still, (None, (config.formats.v.max, 0), 63, True), still]
     )
-    assert [clamped for _, clamped in timeline] == [False, True, True, False, False, False, True, False, False]
+    assert [clamped for _, clamped in timeline] == [True, True, False, False, False, True, False, False]
 
 
 def test_slow_motion_adds_up_and_halves_round_up():
@@ -246,7 +164,7 @@ def test_slow_motion_adds_up_and_halves_round_up():
     eighth = 1 << (config.v_frac - 3)
     gain = 1 << config.roi_gain_frac
     timeline = check(config, [((10, 20), (0, 0), gain, False), *[(None, (eighth, -eighth), gain, True)] * 20])
-    corners = [corner for corner, _ in timeline[2:]][1::2]
+    corners = [corner for corner, _ in timeline[1:]][1::2]
     # 10 + n/8 rounds up at the half; 20 − n/8 stays until it is below the half.
     assert [x for x, _ in corners] == [10 + (n + 4) // 8 for n in range(1, 21)]
     assert [y for _, y in corners] == [20 + (4 - n) // 8 for n in range(1, 21)]

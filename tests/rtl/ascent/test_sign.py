@@ -7,7 +7,7 @@ from cmfpga.reference.integer.ascent import lesser, sign_updater
 from cmfpga.rtl.ascent.sign import SignAscent
 from support.bench import held, play
 from support.configs import SIGNS
-from support.values import edge_integers, random_value
+from support.values import edge_integers, random_g, random_value
 
 
 def check(config, batches, *, spacing=0, seed=0):
@@ -93,13 +93,6 @@ def check(config, batches, *, spacing=0, seed=0):
     assert {cycle: recording["run.planned"][cycle] for cycle in planned} == planned
     assert not any(recording["limited"])
     return list(timeline.values())
-
-
-def random_g(config, rng):
-    """Anything from one unit to the bound, and zero."""
-    if rng.random() < 0.3:
-        return int(rng.choice([0, -1, 1, config.widths.g_max, -config.widths.g_max]))
-    return int(2.0 ** rng.uniform(0, config.widths.g_bits - 1)) * int(rng.choice([-1, 1]))
 
 
 def random_batches(config, rng, count, iterations=15):

@@ -5,10 +5,10 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.protocol.confidence import is_sharp, least_fall
-from cmfpga.rtl.confidence import probe as module
+from cmfpga.rtl.confidence import probe
 from cmfpga.rtl.confidence.probe import LeastJudge
 from support.bench import play
-from support.mutation import mutated
+from support.mutation import break_blocks
 
 SIZE = {"sensor_width": 40, "sensor_height": 30, "roi_width": 20, "roi_height": 12, "buffer_events": 48, "tag_bits": 5}
 CONFIGS = {
@@ -88,6 +88,7 @@ def test_nothing_probed_is_no_curvature_and_no_doubt(rng):
         ("Mux(start, 0, (difference << 1) + addend)", "(difference << 1) + addend"),
     ],
 )  # fmt: skip
-def test_another_judge_would_be_noticed(old, new, rng):
+def test_another_judge_would_be_noticed(old, new, monkeypatch, rng):
+    break_blocks(monkeypatch, probe, old, new)
     with pytest.raises(AssertionError):
-        check(mutated(module, old, new).LeastJudge(CONFIGS["similarity"]), rng)
+        check(LeastJudge(CONFIGS["similarity"]), rng)

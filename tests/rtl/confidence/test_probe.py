@@ -5,10 +5,9 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.protocol.confidence import probes_towards_zero
 from cmfpga.rtl import payloads
-from cmfpga.rtl.confidence import probe as module
-from cmfpga.rtl.confidence.probe import Probe
+from cmfpga.rtl.confidence import probe
 from support.bench import play
-from support.mutation import mutated
+from support.mutation import break_blocks
 from support.values import random_value
 
 CONFIG = preset("similarity")
@@ -23,29 +22,25 @@ def anywhere(config, rng):
         yield v, probes_towards_zero(v, distance)
 
 
-def played(probe, rng):
-    """``(recording, expected)`` of any v; iterations complete between the probes."""
-    script, expected, names = [], [], probe.config.motion_model.names
-    for v, probed in anywhere(probe.config, rng):
+def check(block, rng):
+    """Probe beside any v; iterations complete between the probes."""
+    script, expected, names = [], [], block.config.motion_model.names
+    for v, probed in anywhere(block.config, rng):
         script += [{"v": dict(zip(names, v, strict=True)), "complete": 1}, {}, {"complete": 1}, {}, {}, {}]
-        for k, (name, one) in enumerate(zip(["begin"] + ["complete"] * probe.count, [*probed, v], strict=True)):
-            expected.append((len(script) + probe.latency - 1, dict(zip(names, one, strict=True)), k < probe.count))
+        for k, (name, one) in enumerate(zip(["begin"] + ["complete"] * block.count, [*probed, v], strict=True)):
+            expected.append((len(script) + block.latency - 1, dict(zip(names, one, strict=True)), k < block.count))
             script += [{name: 1}, *[{}] * 5]
-    return play(probe, script, watch=("more",)), expected
-
-
-def check(probe, rng):
-    recording, expected = played(probe, rng)
+    recording = play(block, script, watch=("more",))
     assert recording.flows["o"] == [(cycle, velocity) for cycle, velocity, _ in expected]
     more = {cycle for cycle, value in enumerate(recording.watch["more"]) if value}
     begun = [cycle for cycle, _, probed in expected if probed]
     # From the cycle after ``begin`` on, while less than all probes are complete.
-    assert more == {c - 1 + k for n, c in enumerate(begun) if (n + 1) % probe.count for k in range(6)}
+    assert more == {c - 1 + k for n, c in enumerate(begun) if (n + 1) % block.count for k in range(6)}
 
 
 @pytest.mark.parametrize("motion", ["similarity", "rotation"])
 def test_velocities_beside_v(motion, rng):
-    check(Probe(preset(motion)), rng)
+    check(probe.Probe(preset(motion)), rng)
 
 
 def test_the_last_iteration_is_kept(rng):
@@ -54,7 +49,7 @@ def test_the_last_iteration_is_kept(rng):
         {"sums.payload": one, "squares": k, "sums.valid": valid, "iterating": iterating}
         for k, (one, valid, iterating) in enumerate(zip(sums, (1, 1, 0, 1), (1, 1, 1, 0), strict=True), 1)
     ]
-    recording = play(Probe(CONFIG), [*script, {}, {"new_batch": 1}, {}], watch=("last", "last_squares"))
+    recording = play(probe.Probe(CONFIG), [*script, {}, {"new_batch": 1}, {}], watch=("last", "last_squares"))
     assert recording.watch["last_squares"] == [0, 1, 2, 2, 2, 2, 0]
     assert recording.watch["last"][1:6] == [sums[0], *[sums[1]] * 4] and not any(recording.watch["last"][6].values())
 
@@ -67,6 +62,7 @@ def test_the_last_iteration_is_kept(rng):
         ("Mux(v[-1], distance", "Mux(~v[-1], distance"), ("Mux(turn[k],", "Mux(turn[0],"),
     ],
 )  # fmt: skip
-def test_another_probe_would_be_noticed(old, new, rng):
+def test_another_probe_would_be_noticed(old, new, monkeypatch, rng):
+    break_blocks(monkeypatch, probe, old, new)
     with pytest.raises(AssertionError):
-        check(mutated(module, old, new).Probe(CONFIG), rng)
+        check(probe.Probe(CONFIG), rng)

@@ -9,7 +9,7 @@ from cmfpga.fixed import Q
 from cmfpga.reference.integer.event_path import reciprocal, time_scaler
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image.time_scaler import TimeScaler
-from support.bench import GAPS, check_flow
+from support.bench import GAPS, check_latency, flow_script, play
 from support.configs import CONFIGS
 from support.values import edge_integers, random_gaps, random_value, tensor
 
@@ -23,20 +23,20 @@ SHAPES = {
 }
 
 
-def check(config, times, span, gaps, seed=0):
-    rng = np.random.default_rng(seed)
-    block = TimeScaler(config)
+def check(config, times, span, gaps, block=None):
+    rng = np.random.default_rng(0)
+    block = block or TimeScaler(config)
     dt = time_scaler(config, tensor(times), span=span).tolist()
-    items, expected = [], []
-    for t, value in zip(times, dt, strict=True):
-        payload = {**random_value(block.i.payload.shape(), rng), "t": t}
-        items.append(payload)
-        expected.append({"dt": value, **{name: payload[name] for name in ("x", "y", "last")}})
+    items = [{**random_value(block.i.payload.shape(), rng), "t": t} for t in times]
+    expected = [
+        {"dt": value, **{key: item[key] for key in ("x", "y", "last")}} for item, value in zip(items, dt, strict=True)
+    ]
     shift, mantissa = reciprocal(config, span)
-    pushed, popped = check_flow(
-        block, items, expected, gaps=gaps, rng=rng, before=[{"span": span, "shift": shift, "mantissa": mantissa}]
-    )
-    return pushed, popped, dt
+    script, pushed = flow_script(block, items, gaps, rng)
+    recording = play(block, [{"span": span, "shift": shift, "mantissa": mantissa}, *script])
+    assert recording.values() == expected
+    check_latency(block, [1 + cycle for cycle in pushed], recording)
+    return dt
 
 
 @pytest.mark.parametrize("gap", GAPS)
@@ -46,7 +46,7 @@ def test_matches_model(name, gap, rng):
     largest = (1 << config.span_bits) - 1
     for span in {1, 2, largest, largest // 2 + 1, int(rng.integers(1, largest))}:
         times = edge_integers(rng, 0, span, 40).tolist()
-        *_, dt = check(config, [0, *times, span], span, [0, *random_gaps(rng, 41, GAPS[gap])])
+        dt = check(config, [0, *times, span], span, [0, *random_gaps(rng, 41, GAPS[gap])])
         # The first event is at −1, the last at +1, up to the reciprocal's precision.
         error = 1 + (1 << config.dt_frac >> config.reciprocal_bits - 1)
         assert abs(dt[0] + (1 << config.dt_frac)) <= error
@@ -73,18 +73,8 @@ def test_in_a_window_that_slides_times_are_limited(name, rng):
     block = TimeScaler(config, payloads.layout(t=signed(config.span_bits + 1), x=place, y=place, last=1))
     most = 1 << config.span_bits
     for span in (1, 2, 3, most // 2, int(rng.integers(1, most)), most - 1):
-        shift, mantissa = reciprocal(config, span)
         turn = [edge + more for edge in (-span // 2, span, 3 * span // 2) for more in (-2, -1, 0, 1, 2)]
         times = [*edge_integers(rng, -most, most - 1, 40).tolist(), *turn]
         times = [t for t in times if -most <= t < most]
-        dt = time_scaler(config, tensor(times), span=span).tolist()
+        dt = check(config, times, span, [0] * len(times), block)
         assert span > most // 3 or {-2 << config.dt_frac, 1 << config.dt_frac} <= {*dt}
-        items = [{**random_value(block.i.payload.shape(), rng), "t": t} for t in times]
-        expected = [
-            {"dt": value, **{key: item[key] for key in ("x", "y", "last")}}
-            for item, value in zip(items, dt, strict=True)
-        ]
-        check_flow(
-            block, items, expected, gaps=[0] * len(items), rng=rng,
-            before=[{"span": span, "shift": shift, "mantissa": mantissa}],
-        )  # fmt: skip

@@ -1,5 +1,6 @@
 """Event buffer against a list: what was stored comes out in order, as often as asked; the surplus is counted."""
 
+import collections
 import itertools
 
 import numpy as np
@@ -19,10 +20,6 @@ SIGNS = {
 }  # fmt: skip
 
 
-def config_of(depth, buffers=1, **changes):
-    return Config(buffer_events=depth, buffers=buffers, **{"max_batch_events": 1000} | changes)
-
-
 def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0, **changes):
     """Batches of (number of events, number of replays, idle cycles before take, before the replay, before clear).
 
@@ -30,25 +27,25 @@ def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0, **chang
     allowed and then so many cycles later.
     """
     rng = np.random.default_rng(seed)
-    config = config_of(depth, buffers, **changes)
+    config = Config(buffer_events=depth, buffers=buffers, max_batch_events=1000, **changes)
     block, thin = EventBuffer(config), config.when_full == "thin"
     noise = random_values(block.i.payload.shape(), rng)
     strided = config.ascent == "sign"
-    inputs, expected, ends, replays, overlaps = {}, [], [], [], 0
+    inputs, expected, ends, replays, overlaps = collections.defaultdict(dict), [], [], [], 0
     clear, free = 0, 0  # first cycles in which to clear and to take
     for count, times, *waits in batches:
         before_take, before_replay, before_clear = waits or (idle, 0, idle)
-        inputs[clear] = inputs.get(clear, {}) | {"clear": 1}
+        inputs[clear]["clear"] = 1
         events = list(itertools.islice(noise, count))
         cycle = clear + 1
         for event, gap in zip(events, random_gaps(rng, count, probability), strict=True):
             cycle += gap
-            inputs[cycle] = inputs.get(cycle, {}) | {"i.valid": 1, "i.payload": event}
+            inputs[cycle] |= {"i.valid": 1, "i.payload": event}
             overlaps += cycle < free
             cycle += 1
         # Counters are valid in the cycle after an event.
         take = max(cycle, free) + before_take
-        inputs[take] = inputs.get(take, {}) | {"take": 1}
+        inputs[take]["take"] = 1
         halvings = 0
         while thin and -(-count >> halvings) > depth:
             halvings += 1
@@ -58,7 +55,7 @@ def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0, **chang
         for number in range(times):
             entry = ScheduleEntry(0, 0, int(rng.choice(STRIDES)) if strided else 1)
             chosen = stored[used(entry, number, len(stored))]
-            inputs[free] = inputs.get(free, {}) | {"replay": 1}
+            inputs[free]["replay"] = 1
             if strided:
                 inputs[free]["stride"] = entry.stride.bit_length() - 1
             replays.append((free, len(chosen)))
@@ -66,7 +63,7 @@ def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0, **chang
             free += 1 + len(chosen) + idle
             expected += [{**event, "last": int(k == len(chosen) - 1)} for k, event in enumerate(chosen)]
         clear = before_clear + (free if buffers == 1 else take + 1)
-    script = [{"i.payload": next(noise), **inputs.get(cycle, {})} for cycle in range(free + block.latency + 5)]
+    script = [{"i.payload": next(noise), **inputs[cycle]} for cycle in range(free + block.latency + 5)]
     surplus = "stored.thinned" if thin else "stored.overflow"
     recording = play(block, script, watch=("stored.count", surplus, *(("stored.halved",) if thin else ())))
     assert recording.values() == expected
@@ -113,13 +110,9 @@ def test_subsets_of_the_events(buffers, when_full):
 
 
 @pytest.mark.parametrize("buffers", [1, 2])
-def test_overflow_is_counted_to_the_largest_batch(buffers):
+def test_overflow_is_counted_and_clear_forgets(buffers):
+    """To the largest batch; cleared without a replay, or with nothing stored, no event of the batch before comes."""
     check(1, [(1000, 2), (1, 1)], buffers=buffers)
-
-
-@pytest.mark.parametrize("buffers", [1, 2])
-def test_clear_forgets(buffers):
-    """Cleared without a replay, or with nothing stored: no event of the batch before comes out."""
     check(5, [(7, 0), (0, 0), (2, 2), (6, 0), (5, 1)], buffers=buffers)
 
 
@@ -145,7 +138,7 @@ def test_what_is_replayed_stays_until_it_is_taken():
 
 def test_counters_follow_the_filling(rng):
     """During a replay the counters are those of the buffer that is being filled, in every cycle."""
-    block = EventBuffer(config_of(3, 2))
+    block = EventBuffer(Config(buffer_events=3, buffers=2, max_batch_events=1000))
     event = random_value(block.i.payload.shape(), rng)
     push = {"i.valid": 1, "i.payload": event}
     script = [{"clear": 1}, push, push, {"take": 1}, {"clear": 1, "replay": 1}, *[push] * 5, {}]
@@ -157,7 +150,7 @@ def test_counters_follow_the_filling(rng):
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
 def test_a_replay_pauses_where_there_is_no_room(share, rng):
     """An event for each cycle with room, no other one, in order; room before and after a replay counts for nothing."""
-    block = EventBuffer(config_of(9))
+    block = EventBuffer(Config(buffer_events=9, max_batch_events=1000))
     events = [random_value(block.i.payload.shape(), rng) for _ in range(9)]
     script = [{"clear": 1, "room": 1}, *({"i.valid": 1, "i.payload": event} for event in events), {"take": 1}]
     issued = []

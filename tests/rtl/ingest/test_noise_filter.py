@@ -101,6 +101,17 @@ def through(block, batches, rng, probability, *, before, start, hot=None):
     return recording.values()
 
 
+def noise(config, batches, rng, probability=0.0, *, hot=None, used=()):
+    """Play batches through a background filter that is cleared before the first, after the script ``used``."""
+    block = BackgroundFilter(config)
+    clear = [*used, {"clear": 1}, *[{}] * (config.geometry.cell_depth + block.latency)]
+    return through(
+        block, batches, rng, probability, hot=hot,
+        before=lambda number, _: [] if number else clear,
+        start=lambda settings: {"period": settings.background_us},
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("gap", GAPS)
 @pytest.mark.parametrize("name", SHAPES)
 def test_hardware_and_model_are_as_defined(name, gap, rng):
@@ -121,14 +132,8 @@ def test_hardware_and_model_are_as_defined(name, gap, rng):
     )  # fmt: skip
     assert [bool(value["hot"]) for value in came] == [mark for marks in hot for mark in marks]
 
-    block = BackgroundFilter(config)
     used = [{"i.valid": 1, "i.payload": {"t": k, "x": k % 3, "y": 0, "last": 0, "hot": 0}} for k in range(40)]
-    forget = [*used, {"clear": 1}, *[{}] * (config.geometry.cell_depth + block.latency)]
-    came = through(
-        block, batches, rng, GAPS[gap], hot=hot,
-        before=lambda number, settings: [] if number else forget,
-        start=lambda settings: {"period": settings.background_us},
-    )  # fmt: skip
+    came = noise(config, batches, rng, GAPS[gap], hot=hot, used=used)
     assert [(bool(value["hot"]), bool(value["noise"])) for value in came] == [m for marks in wanted for m in marks]
 
 
@@ -157,10 +162,7 @@ def test_background_without_a_mask(rng):
     config = SHAPES["odd"].replace(hot_pixels=0)
     settings = dataclasses.replace(BatchSettings.from_config(config), background_us=5)
     batches = [([0, 2, 3, 100, 104, 110], [8, 8, 9, 9, 9, 8], [4] * 6, settings)]
-    clear = [{"clear": 1}, *[{}] * (config.geometry.cell_depth + 10)]
-    came = through(
-        BackgroundFilter(config), batches, rng, 0.0, before=lambda *_: clear, start=lambda _: {"period": 5}
-    )  # fmt: skip
+    came = noise(config, batches, rng)
     # Alone; the same pixel; supported; too late; the same pixel, 9's neighbour last at 2; supported 6 µs ago: too late.
     assert [value["noise"] for value in came] == [1, 1, 0, 1, 1, 1]
     assert [mark for _, mark in by_definition(config, batches)[0]] == [1, 1, 0, 1, 1, 1]
@@ -177,10 +179,6 @@ def test_support_reaches_exactly_as_far_as_it_says(distance, rng):
         events = [(0, 8, 4), *((0, x, y) for x, y in others), (late, 9, 4)]
         model = NoiseFilter(config).judge(*(np.array(column) for column in zip(*events, strict=True)), settings)
         batch = (*map(list, zip(*events, strict=True)), settings)
-        came = through(
-            BackgroundFilter(config), [batch], rng, 0.0, hot=[[0] * len(events)],
-            before=lambda *_: [{"clear": 1}, *[{}] * (config.geometry.cell_depth + 10)],
-            start=lambda _: {"period": 7},
-        )  # fmt: skip
+        came = noise(config, [batch], rng, hot=[[0] * len(events)])
         assert [value["noise"] for value in came] == model[1].tolist()
         assert came[-1]["noise"] == (late == 8)

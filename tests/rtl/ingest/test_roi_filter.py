@@ -24,19 +24,17 @@ COUNTERS = ("outside", "time_back", "time_span", "span", "t_first")
 
 
 def check(config, batches, probability=0.0, seed=0):
-    """Batches of (t, x, y, roi), back to back; returns the models' results and the recorded cycles."""
+    """Batches of (t, x, y, roi), back to back; returns the models' results."""
     rng = np.random.default_rng(seed)
     block = RoiFilter(config)
-    script, expected, ends, pushed, results = [], [], [], [], []
+    script, expected, ends, results = [], [], [], []
     for t, x, y, roi in batches:
         # `start` comes when the batch before is through; the ROI stays for the whole batch.
         script.append({"start": 1, "roi": {"x": roi[0], "y": roi[1]}})
         events = [{"t": t, "x": x, "y": y, "last": int(rng.integers(2))} for t, x, y in zip(t, x, y, strict=True)]
-        part, cycles = flow_script(
-            block, events, random_gaps(rng, len(events), probability), rng, drain=block.latency + 1
-        )
+        gaps = random_gaps(rng, len(events), probability)
+        part, _ = flow_script(block, events, gaps, rng, drain=block.latency + 1)
         model = roi_filter(config, t, x, y, roi=roi)
-        pushed.append([len(script) + cycle for cycle in cycles])
         script += part
         ends.append(len(script) - 1)
         results.append(model)
@@ -51,7 +49,7 @@ def check(config, batches, probability=0.0, seed=0):
             assert model.events == len(model.t) + got["outside"] + got["time_back"] + got["time_span"]
         else:
             assert [got[name] for name in COUNTERS[:4]] == [0, 0, 0, 0]
-    return results, pushed, recording.cycles()
+    return results
 
 
 def random_batch(config, rng, count, *, errors=0.0):
@@ -83,7 +81,7 @@ def test_matches_model(name, gap, rng):
         random_batch(config, rng, count, errors=errors)
         for count in (40, 1, 3, 60, 2, 25) for errors in (0.0, 0.3)
     ]  # fmt: skip
-    results, *_ = check(config, batches, GAPS[gap])
+    results = check(config, batches, GAPS[gap])
     assert sum(len(model.t) for model in results) > 20
     assert sum(model.time_back for model in results) > 5
     assert name == "whole" or sum(model.outside for model in results) > 5
@@ -91,51 +89,36 @@ def test_matches_model(name, gap, rng):
 
 def test_nothing_leaves_without_an_event():
     """An idle filter stays silent, from the first cycle."""
-    results, _, popped = check(SHAPES["tiny"], [([], [], [], (0, 0))] * 3)
-    assert not popped and all(model.events == 0 for model in results)
+    assert all(model.events == 0 for model in check(SHAPES["tiny"], [([], [], [], (0, 0))] * 3))
 
 
-def test_counter_wraps_within_a_batch():
-    config = SHAPES["narrow"]
-    wrap = 1 << config.time_bits
-    t = [(wrap - 20 + k) % wrap for k in range(0, 40, 2)]
-    (model,), *_ = check(config, [(t, [1] * 20, [1] * 20, (0, 0))])
-    assert model.t.tolist() == list(range(0, 40, 2)) and model.span == 38
+WRAP, LIMIT = 1 << 16, 1 << 12  # of "narrow"
+#: Configuration, times, x, y; times that pass, the span; how many events lie outside, step back, run too far.
+TIMES = {
+    "the counter wraps": ("narrow", range(WRAP - 20, WRAP + 20, 2), 1, 1, list(range(0, 40, 2)), 38, (0, 0, 0)),
+    # Against the last good event, however far back it is: 9, 3, −1 step back; 5 + half the counter's range lies beyond
+    # the span; what follows is good again.
+    "steps back": ("narrow", (5, 10, 9, 10, 3, -1, 11, WRAP // 2 + 4, 12), 1, 1, [0, 5, 5, 6, 7], 7, (0, 3, 1)),
+    "the span ends exactly at its width": (
+        "narrow", [7 + at for at in (0, LIMIT - 1, LIMIT, LIMIT + 1, LIMIT - 1, LIMIT - 2)], 0, 0,
+        [0, LIMIT - 1, LIMIT - 1], LIMIT - 1, (0, 1, 2),
+    ),
+    "the first event, outside the ROI, sets the origin": (
+        "odd", (1000, 1001, 1005), (39, 3, 3), (29, 3, 3), [1, 5], 5, (1, 0, 0)
+    ),
+    # One event, one counter.
+    "a bad time comes before a wrong place": ("narrow", (100, 99, 100 + LIMIT, 101), 99, 49, [], 1, (2, 1, 1)),
+}  # fmt: skip
 
 
-def test_steps_back_are_dropped_and_counted():
-    """A step back is judged against the last good event, however far back it is, also across the counter's wrap."""
-    config = SHAPES["narrow"]
-    wrap = 1 << config.time_bits
-    t = [5, 10, 9, 10, 3, wrap - 1, 11, 5 + wrap // 2 - 1 - wrap, 12]
-    t = [value % wrap for value in t]
-    (model,), *_ = check(config, [(t, [1] * len(t), [1] * len(t), (0, 0))])
-    # 9, 3, −1 step back; 5 + half the counter's range lies beyond the span; what follows is good again.
-    assert (model.time_back, model.time_span, model.span) == (3, 1, 7)
-    assert model.t.tolist() == [0, 5, 5, 6, 7]
-
-
-def test_span_ends_exactly_at_its_width():
-    config = SHAPES["narrow"]
-    limit = 1 << config.span_bits
-    t = [7, 7 + limit - 1, 7 + limit, 7 + limit + 1, 7 + limit - 1, 7 + limit - 2]
-    (model,), *_ = check(config, [(t, [0] * 6, [0] * 6, (0, 0))])
-    assert (model.time_span, model.time_back, model.span) == (2, 1, limit - 1)
-
-
-def test_first_event_sets_the_origin_even_outside_the_roi():
-    config = SHAPES["odd"]
-    (model,), *_ = check(config, [([1000, 1001, 1005], [39, 3, 3], [29, 3, 3], (0, 0))])
-    assert (model.t.tolist(), model.outside, model.span) == ([1, 5], 1, 5)
-
-
-def test_dropped_events_do_not_count_as_outside():
-    """One event, one counter: a bad time comes before a wrong place."""
-    config = SHAPES["narrow"]
-    limit = 1 << config.span_bits
-    t = [100, 99, 100 + limit, 101]
-    (model,), *_ = check(config, [(t, [99] * 4, [49] * 4, (0, 0))])
-    assert (model.outside, model.time_back, model.time_span) == (2, 1, 1)
+@pytest.mark.parametrize("case", TIMES)
+def test_times(case):
+    name, t, x, y, passed, span, dropped = TIMES[case]
+    config = SHAPES[name]
+    columns = (np.broadcast_to(axis, len(t)).tolist() for axis in (x, y))
+    (model,) = check(config, [([at % (1 << config.time_bits) for at in t], *columns, (0, 0))])
+    assert (model.t.tolist(), model.span) == (passed, span)
+    assert (model.outside, model.time_back, model.time_span) == dropped
 
 
 @pytest.mark.parametrize("name", ["narrow", "odd", "tiny", "whole"])
@@ -144,15 +127,12 @@ def test_every_border_of_every_corner_position(name):
     config = SHAPES[name]
     batches = []
     for roi in [(x, y) for x in (0, config.geometry.roi_x_max) for y in (0, config.geometry.roi_y_max)]:
-        xs = {0, roi[0] - 1, roi[0], roi[0] + config.roi_width - 1, roi[0] + config.roi_width, config.sensor_width - 1}
-        ys = {
-            0,
-            roi[1] - 1,
-            roi[1],
-            roi[1] + config.roi_height - 1,
-            roi[1] + config.roi_height,
-            config.sensor_height - 1,
-        }
+        xs, ys = (
+            {0, at - 1, at, at + side - 1, at + side, size - 1}
+            for at, side, size in zip(
+                roi, (config.roi_width, config.roi_height), (config.sensor_width, config.sensor_height), strict=True
+            )
+        )
         points = [(x, y) for x in xs for y in ys if 0 <= x < config.sensor_width and 0 <= y < config.sensor_height]
         batches.append(([3] * len(points), *map(list, zip(*points, strict=True)), roi))
     check(config, batches)

@@ -13,15 +13,15 @@ from support.values import random_gaps, random_value, random_values, tensor
 CONFIG = Config(buffer_events=300, max_batch_events=5000)
 
 
-def block_of(config):
-    event = payloads.roi_event(config)
-    return Thinner(event, most_stored=config.buffer_events, most_events=config.max_batch_events)
+def block_of():
+    event = payloads.roi_event(CONFIG)
+    return Thinner(event, most_stored=CONFIG.buffer_events, most_events=CONFIG.max_batch_events)
 
 
-def check(batches, *, probability=0.0, seed=0, config=CONFIG):
+def check(batches, *, probability=0.0, seed=0):
     """Batches of (events, thinning, target), one after the other; returns the factor of each."""
     rng = np.random.default_rng(seed)
-    block = block_of(config)
+    block = block_of()
     events = random_values(block.i.payload.shape(), rng, 97)
     script, expected, cycles, counts, factors = [], [], [], {}, []
     last = None
@@ -78,32 +78,34 @@ def test_next_factor_is_the_smallest_that_meets_the_target(target, gap):
     assert factors == [9, *(max(1, -(-count // target)) for count in counts[:-1])]
 
 
-def test_factor_stops_at_255():
-    """From one below to far beyond, and back."""
-    counts = [253, 254, 255, 256, 257, 511, 1000, 4000, 3, 1]
-    assert check([(count, 5, 1) for count in counts]) == [5, 253, 254, 255, 255, 255, 255, 255, 255, 3]
-    assert check([(count, 5, 4) for count in (1016, 1017, 1020, 1021, 5)]) == [5, 254, 255, 255, 255]
+#: Batches, and the factor of each.
+FACTORS = {
+    "from one below 255 to far beyond, and back": (
+        [(count, 5, 1) for count in (253, 254, 255, 256, 257, 511, 1000, 4000, 3, 1)],
+        [5, 253, 254, 255, 255, 255, 255, 255, 255, 3],
+    ),
+    "stops at 255": ([(count, 5, 4) for count in (1016, 1017, 1020, 1021, 5)], [5, 254, 255, 255, 255]),
+    # Without: the factor set by hand; and the target that is followed is the one under which events were counted.
+    "a target counts if the batch before had one": (
+        [(100, 7, 10), (100, 7, 20), (100, 7, 0), (100, 6, 10), (50, 5, 50), (10, 3, 300), (10, 2, 1), (0, 9, 0)],
+        [7, 10, 7, 6, 10, 1, 1, 9],
+    ),
+    # The factor follows all ROI events, not those that were stored.
+    "what does not pass is counted too": ([(200, 10, 20), (200, 1, 20), (200, 1, 20)], [10, 10, 10]),
+    "the largest batch is counted": ([(5000, 255, 0), (5000, 2, 300), (5000, 1, 1), (2, 1, 0)], [255, 2, 17, 1]),
+}
 
 
-def test_a_target_counts_if_the_batch_before_had_one():
-    """Without: the factor set by hand; and the target that is followed is the one under which events were counted."""
-    batches = [(100, 7, 10), (100, 7, 20), (100, 7, 0), (100, 6, 10), (50, 5, 50), (10, 3, 300), (10, 2, 1), (0, 9, 0)]
-    assert check(batches) == [7, 10, 7, 6, 10, 1, 1, 9]
-
-
-def test_what_does_not_pass_is_counted_too():
-    """The factor follows all ROI events, not those that were stored."""
-    assert check([(200, 10, 20), (200, 1, 20), (200, 1, 20)]) == [10, 10, 10]
-
-
-def test_largest_batch_is_counted():
-    check([(5000, 255, 0), (5000, 2, 300), (5000, 1, 1), (2, 1, 0)])
+@pytest.mark.parametrize("name", FACTORS)
+def test_factors(name):
+    batches, factors = FACTORS[name]
+    assert check(batches) == factors
 
 
 def test_a_factor_of_zero_passes_everything():
     """A setting that no tool writes must not stop the core."""
     rng = np.random.default_rng(0)
-    block = block_of(CONFIG)
+    block = block_of()
     events = [random_value(block.i.payload.shape(), rng) for _ in range(9)]
     script, _ = flow_script(block, events, [0] * 9, rng)
     recording = play(block, [{"start": 1, "thinning": 0, "target": 0}, *script], watch=("thinned",))

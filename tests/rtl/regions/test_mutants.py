@@ -8,11 +8,10 @@ import pytest
 
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
-from cmfpga.protocol.results import decode
 from cmfpga.rtl.regions import collector, distributor, regions, store, unit
 from support.core_batches import settings
 from support.mutation import break_blocks
-from support.regions import CONFIGS, model_of, run_amaranth
+from support.regions import CONFIGS, check_amaranth, model_of
 
 CONFIG = CONFIGS["two units"].replace(regions=5, buffer_events=12, max_batch_events=64, bin_bits=5)
 TABLE = [
@@ -73,38 +72,23 @@ SETTINGS = dataclasses.replace(settings(CONFIG, roi_gain=CONFIG.formats.roi_gain
 
 @functools.cache
 def wanted():
-    """What the model says: of each batch, the values of each region."""
+    """What the model says of each region in each window."""
     model = model_of(CONFIG)
     model.write(TABLE)
-    results = [model.run(*window, SETTINGS) for window in windows()]
-    return [[{name: getattr(region, name) for name in NAMES} for region in result.regions] for result in results]
+    return [model.run(*window, SETTINGS).regions for window in windows()]
 
 
 def run():
-    """AssertionError at the first result of the hardware that the model does not have."""
-    missing = set()
-
-    def check(rows):
-        row, number = rows[-1], (len(rows) - 1) // len(TABLE)
-        missing.update({*range(len(TABLE))} if not missing else ())
-        assert row["region"] in missing
-        missing.remove(row["region"])
-        assert row["last"] == (not missing)
-        found = decode(CONFIG, row)
-        assert {name: found[name] for name in NAMES} == wanted()[number][row["region"]]
-
-    run_amaranth(CONFIG, TABLE, windows(), SETTINGS, limit=4_500, stalls=2, check=check)
+    check_amaranth(CONFIG, TABLE, windows(), SETTINGS, wanted(), names=NAMES, limit=4_500, stalls=2)
 
 
 def test_without_a_mutant():
     run()
-    flags = [region["flags"] for batch in wanted() for region in batch]
-    assert any(Flag.DOUBTFUL in flag for flag in flags) and not all(Flag.DOUBTFUL in flag for flag in flags)
+    assert {Flag.DOUBTFUL in region.flags for result in wanted() for region in result} == {False, True}
 
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_broken_block_is_noticed(name, monkeypatch):
-    original, old, new = MUTANTS[name]
-    break_blocks(monkeypatch, original, old, new)
+    break_blocks(monkeypatch, *MUTANTS[name])
     with pytest.raises(AssertionError):
         run()

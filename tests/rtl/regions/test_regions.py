@@ -12,14 +12,7 @@ from cmfpga.protocol.results import counts_of
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.verilog.simulation import VerilatedCore
 from support.core_batches import settings
-from support.regions import (
-    CONFIGS,
-    model_of,
-    random_run,
-    random_settings,
-    random_window,
-    without_clock,
-)
+from support.regions import CONFIGS, model_of, random_run, random_settings, random_window, without_clock
 
 CHUNKS = 6
 

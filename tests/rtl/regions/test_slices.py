@@ -123,6 +123,12 @@ def test_nothing_is_offered_before_a_slice_is():
     dut = slices.Slices(CONFIG)
 
     async def bench(ctx):
+        async def nothing(ctx):
+            ctx.set(dut.i.valid, 0)
+            for _ in range(9):
+                assert not ctx.get(dut.o.valid)
+                await ctx.tick()
+
         ctx.set(dut.o.ready, 1)
         for wanted in (1, 2):
             ctx.set(dut.i.payload, {"t": wanted, "x": 0, "y": 0, "last": 1})
@@ -130,17 +136,11 @@ def test_nothing_is_offered_before_a_slice_is():
             ctx.set(dut.opened, 1)
             await ctx.tick().until(dut.i.ready)
             ctx.set(dut.opened, 0)
-            ctx.set(dut.i.valid, 0)
-            for _ in range(9):
-                assert not ctx.get(dut.o.valid)
-                await ctx.tick()
+            await nothing(ctx)
         # Offered for a cycle, and not any more.
         ctx.set(dut.i.valid, 1)
         await ctx.tick()
-        ctx.set(dut.i.valid, 0)
-        for _ in range(9):
-            assert not ctx.get(dut.o.valid)
-            await ctx.tick()
+        await nothing(ctx)
 
     simulate(dut, bench)
 

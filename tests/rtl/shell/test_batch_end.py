@@ -50,14 +50,13 @@ class Consumer:
         Port(block.go).set(ctx, int(self.go))
         # Right only in the cycle in which a batch is opened.
         opens = self.state == "idle" and self.timer == 0 and ctx.get(block.o.valid)
+        ends = {"batch_events": self.ends.events, "duration": self.ends.duration, "by_tlast": int(self.ends.by_tlast)}
+        # By TLAST in any cycle: it also says what an end without an event is.
         noise = {
             "batch_events": int(self.rng.integers(CONFIG.max_batch_events)),
             "duration": int(self.rng.integers(99)),
-            "by_tlast": 1,
         }
-        ends = {"batch_events": self.ends.events, "duration": self.ends.duration, "by_tlast": int(self.ends.by_tlast)}
-        noise["by_tlast"] = ends["by_tlast"]  # which also says what an end without an event is
-        Port(block.settings).set(ctx, ends if opens else noise)
+        Port(block.settings).set(ctx, ends if opens else ends | noise)
         Port(block.opened).set(ctx, int(opens))
         Port(block.taken).set(ctx, int(self.state == "full" and self.timer == 0))
         ready = self.state == "open" and accepting
@@ -115,6 +114,7 @@ def check(tokens, name, flow, rng, **options):
 @pytest.mark.parametrize("flow", FLOWS)
 @pytest.mark.parametrize("name", ENDS)
 def test_batches(name, flow, rng):
+    """The settings are right only in the cycle in which a batch is opened, and noise in all others."""
     got, _ = check(some_tokens(rng, 200), name, flow, rng, busy=int(rng.integers(4)), start_p=0.3)
     assert len(got) > 2 or name == "longest"
 
@@ -148,11 +148,6 @@ def test_command_ends_the_batch_under_way(rng):
     batches, rest, passage = run(events, ENDS["none"], "free", rng, commands={40, 55})
     assert [(len(batch), cut) for batch, cut in batches] == [(20, False)] and not rest
     assert passage.count("empty_end") == 1
-
-
-def test_settings_count_from_the_next_batch_on(rng):
-    """Consumer gives the right settings only in the cycle in which a batch is opened, noise in all others."""
-    check(some_tokens(rng, 100, end_p=0), "count", "free", rng)
 
 
 def test_one_event_per_cycle(rng):

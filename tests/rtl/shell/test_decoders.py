@@ -9,7 +9,8 @@ from cmfpga.events.evt import EvtDecoder
 from cmfpga.protocol.registers import FORMATS
 from cmfpga.protocol.words import encode, read_raw
 from cmfpga.reference.wire import Beat, Token, decode, sensor_gate, to_beats
-from cmfpga.rtl.shell.decoder import Decoder
+from cmfpga.rtl.shell import decoder
+from cmfpga.rtl.shell.decoder import Decoder, TimeHigh
 from cmfpga.rtl.shell.evt3_decoder import Evt3Decoder
 from cmfpga.rtl.shell.input_path import SensorGate, VectorSplitter
 from support.axi_streams import FLOWS, pass_through
@@ -153,40 +154,33 @@ def test_a_real_file_of_evt30(data_dir, rng):
 # ---------------------------------------------------------------- cycles
 
 
-def test_evt30_gives_one_word_per_cycle(rng):
-    """A vector too, whatever is in it; words behind the last one of a packet take none."""
-    words = np.array([0x8001, 5, 0x3003, 0x6001, *[0x4FFF, 0x4001, 0x5FFF, 0x2808] * 20], "<u2").view("<u8")
-    beats = [*to_beats(words, last=False), Beat(0x2001, 0x03, True), *to_beats([0x2001_2001_2001_2001])]
-    passage, *_ = check("EVT30", beats, "free", rng)
+VECTORS = [1 << 60 | 3 << 32 | (1 << k) - 1 for k in range(1, 33)]
+#: Form, words, how many tokens; the word that gives the first of them.
+RATES = {
+    # A vector too, whatever is in it; words behind the last one of a packet take none.
+    "a word of EVT 3.0": (
+        "EVT30", [*np.array([0x8001, 5, 0x3003, 0x6001, *[0x4FFF, 0x4001, 0x5FFF, 0x2808] * 20], "<u2").view("<u8"),
+                  Beat(0x2001, 0x03, True), *to_beats([0x2001_2001_2001_2001])], 85, 1,
+    ),
+    # Vectors of 1 to 32 events without a bubble between them; a time word costs its own cycle.
+    "an event of EVT 2.1": ("EVT21", [8 << 60 | 5 << 32, *VECTORS, *VECTORS[:1] * 20], 32 * 33 // 2 + 20, 1),
+    "a word of EVT 2.0": ("EVT20", [1 << 60 | 8 << 28 | 7, *[1 << 60 | 1 << 28] * 30], 61, 0),
+    "a packed event": ("PACKED", range(50), 50, 0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", RATES)
+def test_one_per_cycle(name, rng):
+    form, words, count, first = RATES[name]
+    beats = [word if isinstance(word, Beat) else Beat(int(word)) for word in words]
+    passage, *_ = check(form, beats, "free", rng)
     cycles = [cycle for cycle, _ in passage.out]
-    assert cycles == list(range(cycles[0], cycles[0] + 85)) and cycles[0] - passage.taken[1] == Evt3Decoder.latency
-
-
-def test_evt21_gives_one_event_per_cycle(rng):
-    """Vectors of 1 to 32 events without a bubble between them; a time word costs its own cycle."""
-    config = Config()
-    words = (
-        [8 << 60 | 5 << 32] + [1 << 60 | 3 << 32 | (1 << k) - 1 for k in range(1, 33)] + [1 << 60 | 3 << 32 | 1] * 20
-    )
-    passage, tokens, _ = check("EVT21", to_beats(words, last=False), "free", rng, config)
-    cycles = [cycle for cycle, _ in passage.out]
-    assert len(tokens) == 32 * 33 // 2 + 20
-    assert cycles == list(range(cycles[0], cycles[0] + len(tokens)))
-    assert cycles[0] - passage.taken[1] == Decoder.latency
-
-
-def test_evt20_gives_one_word_per_cycle(rng):
-    words = [1 << 60 | 8 << 28 | 7] + [1 << 60 | 1 << 28] * 30
-    passage, tokens, _ = check("EVT20", to_beats(words, last=False), "free", rng)
-    cycles = [cycle for cycle, _ in passage.out]
-    assert len(tokens) == 61 and cycles == list(range(cycles[0], cycles[0] + 61))
-    assert passage.taken[2] - passage.taken[1] == 2
-
-
-def test_packed_gives_one_event_per_cycle(rng):
-    passage, _, _ = check("PACKED", to_beats(range(50), last=False), "free", rng)
-    assert passage.taken == list(range(50))
-    assert [cycle - Decoder.latency for cycle, _ in passage.out] == passage.taken
+    assert cycles == [*range(cycles[0], cycles[0] + count)]
+    if form == "EVT20":
+        assert passage.taken[2] - passage.taken[1] == 2
+    else:
+        assert cycles[0] - passage.taken[first] == (Evt3Decoder if form == "EVT30" else Decoder).latency
+    assert form != "PACKED" or passage.taken == [*range(50)]
 
 
 # ---------------------------------------------------------------- the gate
@@ -248,17 +242,12 @@ def test_splitter(flow, roi, rng):
 
 def vectors(rng, count):
     """Tokens of vectors in and around a sensor."""
-    columns, rows = (
-        [0, 1, 50, 60, 63, 123, 124, 170, 227, 228, 229, 239, 240, 4096],
-        [0, 7, 70, 71, 100, 179, 180, 2047],
-    )
+    columns = [0, 1, 50, 60, 63, 123, 124, 170, 227, 228, 229, 239, 240, 4096]
+    rows = [0, 7, 70, 71, 100, 179, 180, 2047]
     items = []
     for _ in range(count):
-        vector, event, end = (
-            int(rng.choice([1, 0xFFF, rng.integers(1, 1 << 12)])),
-            rng.random() < 0.9,
-            rng.random() < 0.3,
-        )
+        vector = int(rng.choice([1, 0xFFF, rng.integers(1, 1 << 12)]))
+        event, end = rng.random() < 0.9, rng.random() < 0.3
         if event or end:
             place = {"t": int(rng.integers(1 << 32)), "x": int(rng.choice(columns)), "y": int(rng.choice(rows))}
             said = {"known": int(rng.random() < 0.8), "event": int(event), "end": int(end)}
@@ -269,27 +258,24 @@ def vectors(rng, count):
 # ---------------------------------------------------------------- broken ones are found
 
 
-def breaks(monkeypatch, form, target, name, value, rng):
-    monkeypatch.setattr(target, name, value)
-    with pytest.raises(AssertionError):
-        check(form, any_beats(rng, 100), "both", rng)
-        check(form, to_beats(encode(some_events(rng, 80), form)), "free", rng)
+def never_back(block, platform, whole=TimeHigh.elaborate):
+    m = whole(block, platform)
+    m.d.comb += block.back.eq(0)
+    return m
 
 
+MUTANTS = {  # owner, name, value
+    "only falling edges": (decoder, "EVENT_TYPES", (0,)),
+    "a type too few": (decoder, "OTHER_TYPES", (0xA, 0xE)),
+    "another time word": (decoder, "TIME_HIGH", 9),
+    "time never steps back": (TimeHigh, "elaborate", never_back),
+}
+
+
+@pytest.mark.parametrize("mutant", MUTANTS)
 @pytest.mark.parametrize("form", ["EVT21", "EVT20"])
-def test_mutants(form, monkeypatch, rng):
-    from cmfpga.rtl.shell import decoder
-    from cmfpga.rtl.shell.decoder import TimeHigh
-
-    for name, value in (("EVENT_TYPES", (0,)), ("OTHER_TYPES", (0xA, 0xE)), ("TIME_HIGH", 9)):
-        with monkeypatch.context() as patched:
-            breaks(patched, form, decoder, name, value, rng)
-
-    def ignores_load(self, platform):
-        m = self.whole(platform)
-        m.d.comb += self.back.eq(0)
-        return m
-
-    with monkeypatch.context() as patched:
-        patched.setattr(TimeHigh, "whole", TimeHigh.elaborate, raising=False)
-        breaks(patched, form, TimeHigh, "elaborate", ignores_load, rng)
+def test_mutants(form, mutant, monkeypatch, rng):
+    monkeypatch.setattr(*MUTANTS[mutant])
+    with pytest.raises(AssertionError):
+        check(form, any_beats(rng, 200), "both", rng)
+        check(form, to_beats(encode(some_events(rng, 80), form)), "free", rng)

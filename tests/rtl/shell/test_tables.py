@@ -12,15 +12,9 @@ from support.mutation import break_blocks
 from support.values import Port
 
 CONFIG = preset("objects").replace(
-    sensor_width=40,
-    sensor_height=30,
-    roi_width=16,
-    roi_height=12,
-    regions=5,
-    undistortion="on",
-    hot_pixels=1,
+    sensor_width=40, sensor_height=30, roi_width=16, roi_height=12, regions=5, undistortion="on", hot_pixels=1,
     bin_bits=3,
-)
+)  # fmt: skip
 REGISTERS = register_map(CONFIG)
 CYCLES = 7000
 

@@ -4,12 +4,12 @@ import pytest
 
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.sliding import Sliding
-from cmfpga.rtl.image import one_pass_image, tagged_accumulator
-from cmfpga.rtl.sliding import core, hop_control, hop_evaluation
+from cmfpga.rtl.image import tagged_accumulator
+from cmfpga.rtl.sliding import hop_control, hop_evaluation
 from cmfpga.rtl.top import VerilogSliding
 from cmfpga.verilog.simulation import VerilatedCore
 from support.hops import CORNER, drawn
-from support.mutation import mutated
+from support.mutation import break_blocks
 
 from .test_core import CASES, compare, played
 
@@ -21,39 +21,26 @@ class Changed(VerilogSliding):
     """A type of its own, whose Verilog is not that which is kept for the configuration."""
 
 
-#: By name: the module, the text, what it becomes, and who imports what of it.
-MUTANTS = {
-    "the ring overflows": (hop_control, "full.eq(stays & ", "full.eq(0 & ", (core, "HopControl")),
-    "an image is swept while it waits for events": (
-        tagged_accumulator, "sweeps &= ~inside", "sweeps &= 1", (one_pass_image, "TaggedAccumulator"),
-    ),
-    "too few events are evaluated": (
-        hop_evaluation, "many.eq((hop.count != 0) & ", "many.eq(1 | ", (core, "HopEvaluation"),
-    ),
-    "a pause is none": (hop_evaluation, "(span != 0) & ~hop.stale", "(span != 0)", (core, "HopEvaluation")),
-    "the first window need not be full": (
-        hop_evaluation, "(full | followed)", "1", (core, "HopEvaluation"),
-    ),
+MUTANTS = {  # module, old, new
+    "the ring overflows": (hop_control, "full.eq(stays & ", "full.eq(0 & "),
+    "an image is swept while it waits for events": (tagged_accumulator, "sweeps &= ~inside", "sweeps &= 1"),
+    "too few events are evaluated": (hop_evaluation, "many.eq((hop.count != 0) & ", "many.eq(1 | "),
+    "a pause is none": (hop_evaluation, "(span != 0) & ~hop.stale", "(span != 0)"),
+    "the first window need not be full": (hop_evaluation, "(full | followed)", "1"),
     "age goes on through windows that are too short": (
-        hop_evaluation, "age.eq(Mux(many & timed, aged, 0))", "age.eq(aged)", (core, "HopEvaluation"),
+        hop_evaluation, "age.eq(Mux(many & timed, aged, 0))", "age.eq(aged)"
     ),
-    "the unit forgets the window": (
-        hop_evaluation, "gap.eq(Mux(hop.empty, 0,", "gap.eq(Mux(1, 0,", (core, "HopEvaluation"),
-    ),
+    "the unit forgets the window": (hop_evaluation, "gap.eq(Mux(hop.empty, 0,", "gap.eq(Mux(1, 0,"),
     "the reference time stands still": (
-        hop_evaluation, "half.eq(self.unit >> 1), first.eq(hop.t_first)]", "half.eq(self.unit >> 1)]",
-        (core, "HopEvaluation"),
+        hop_evaluation, "half.eq(self.unit >> 1), first.eq(hop.t_first)]", "half.eq(self.unit >> 1)]"
     ),
-    "the judging round is read at once": (
-        hop_evaluation, "held & ~self.cold", "held & self.cold", (core, "HopEvaluation"),
-    ),
+    "the judging round is read at once": (hop_evaluation, "held & ~self.cold", "held & self.cold"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_mutants_are_noticed(name, rng, monkeypatch):
-    module, old, new, (where, what) = MUTANTS[name]
-    monkeypatch.setattr(where, what, getattr(mutated(module, old, new), what))
+    break_blocks(monkeypatch, *MUTANTS[name])
     config = FULL if name == "the ring overflows" else SHORT
     simulated = VerilatedCore(config, core=Changed(config))
     given = BatchSettings.from_config(config, roi=CORNER)

@@ -149,15 +149,7 @@ async def test_registers(host):
 @played_by(Host)
 async def test_words_of_any_number_with_and_without_an_end(host, rng):
     expected = []
-    for size, last in (
-        (1, False),
-        (2, True),
-        (3, True),
-        (4, False),
-        (0, True),
-        (17, True),
-        (54, True),
-    ):
+    for size, last in ((1, False), (2, True), (3, True), (4, False), (0, True), (17, True), (54, True)):
         words = rng.integers(0, 1 << 32, size).tolist()
         assert await host.events(words, last) == link.DONE
         expected += as_beats(words, last)

@@ -57,14 +57,13 @@ class RowShadow:
         with m.If(self.hit[0]):
             m.d.sync += difference.eq(first ^ self.after[0].as_value())
 
-    def check_memory(self, m, memories, members=None, write=None):
+    def check_memory(self, m, memories):
         """Every word of the row is written, is right, and nothing else is written: in one RAM or several, side by side.
 
-        Each holds a member, or so many bits of the word. ``members``: only these; ``write``: at another time.
+        Each holds a member, or so many bits of the word.
         """
-        word = data.StructLayout({name: self.word.members[name] for name in members or self.word.members})
-        write, name = self.write if write is None else write, "_".join([self.name, *(members or ())])
-        content, written = Signal(word, name=f"{name}_content"), Signal(word, name=f"{name}_written")
+        word, write = self.word, self.write
+        content, written = Signal(word, name=f"{self.name}_content"), Signal(word, name=f"{self.name}_written")
         m.d.comb += [
             content.as_value().eq(Cat(memory.content for memory in memories)),
             written.as_value().eq(Cat(memory.write.data for memory in memories)),
@@ -92,7 +91,7 @@ class BankHarness(Harness):
         self.shadow = shadow = RowShadow(word, "expected", dut.latency)
         hit = dut.i.valid & (dut.i.payload.address == row)
         shadow.follow(m, hit=hit, after=after(shadow.shadow))
-        self.check_memories(m, memories)
+        shadow.check_memory(m, memories)
         self.valid = shadow.line(m, "valid", dut.i.valid)
         m.d.comb += Assert(dut.o.valid == self.valid[dut.latency])
         for number, (got, wanted) in enumerate(answers(shadow.shadow)):
@@ -106,10 +105,6 @@ class BankHarness(Harness):
         cases = self.cases(m)
         assert len(cases) == self.COVERS
         m.d.comb += [Cover(case) for case in cases]
-
-    def check_memories(self, m, memories):
-        """That they hold the row."""
-        self.shadow.check_memory(m, memories)
 
     def operation(self):
         """Layout of the row; of a word: what it becomes, by member; of a word: pairs (what is answered, the same)."""
@@ -168,7 +163,7 @@ class TaggedBankHarness(BankHarness):
         pixel, operation, answer = payloads.pixel(self.dut.config), self.dut.i.payload, self.dut.o.payload
 
         def base(word):
-            return {name: Mux(self.counts(word, operation), word[name], 0) for name in pixel.members}
+            return {name: Mux(word.tag == operation.tag, word[name], 0) for name in pixel.members}
 
         def after(word):
             return {name: value + operation.add[name] for name, value in base(word).items()} | {"tag": operation.tag}
@@ -181,10 +176,6 @@ class TaggedBankHarness(BankHarness):
             ]  # fmt: skip
 
         return tagged_word(self.dut.config), after, answers
-
-    def counts(self, word, operation):
-        """Whether an operation adds to what a word holds, and not to 0."""
-        return word.tag == operation.tag
 
     def cases(self, m):
         hit, valid, elsewhere, collided = self.shadow.hit, self.valid, self.elsewhere, self.collided

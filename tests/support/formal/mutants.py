@@ -136,11 +136,7 @@ _NEXT = "Mux(tag == (1 << config.tag_bits) - 1, 1, tag + 1)"
 
 TAGGED_ACCUMULATOR = [
     tagged("sweep leaves a word out", "config.geometry.bank_depth - 1\n", "config.geometry.bank_depth - 2\n"),
-    tagged(
-        "sweep writes nothing",
-        "valid_s1.eq(sweeps if config.slides else 1)",
-        "valid_s1.eq(0)",
-    ),
+    tagged("sweep writes nothing", "valid_s1.eq(sweeps if config.slides else 1)", "valid_s1.eq(0)"),
     tagged("sweep goes on under votes", "with m.If(sweeps if config.slides else ~self.i.valid):", "with m.If(1):"),
     tagged("pass over early", "sync += self.swept.eq(sweeps & last)", "comb += self.swept.eq(address == 0)"),
     tagged("one tag left out", _NEXT, _NEXT.replace("1, 1,", "1, 2,")),
