@@ -88,7 +88,7 @@ def polarity_notes(p):
 
 @dataclass(frozen=True)
 class Events:
-    """Events as four arrays of one length, in order of time.
+    """Events as four arrays of one length, in order of time; :exc:`RecordingError` says what cannot be used.
 
     Parameters
     ----------
@@ -102,11 +102,6 @@ class Events:
         are brighter, too, and 255, an unsigned -1, is darker. Kept as uint8, 1 = brighter, 0 = darker.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of ``t``.
-
-    Raises
-    ------
-    RecordingError
-        An array cannot be used, or the lengths differ; one line.
     """
 
     t: np.ndarray
@@ -185,15 +180,9 @@ def _microseconds(t, unit):
 class EventSource(Protocol):
     """Events in order of time. A :class:`~cmfpga.events.Recording` is one; another needs no base class.
 
-    Members
-    -------
-    name : str
-        For people.
-    width, height : int or None
-        Size of the sensor, px; None where it is not known.
-    seekable : bool
-        :meth:`chunks` may be called more than once, and gives the same events again. What comes live is not seekable:
-        it can be tracked, but no batch of it can be traced afterwards.
+    ``name`` is for people; ``width`` and ``height`` are those of the sensor, px, None where they are not known. Of a
+    ``seekable`` one :meth:`chunks` may be called more than once, and gives the same events again. What comes live is
+    not seekable: it can be tracked, but no batch of it can be traced afterwards.
     """
 
     name: str

@@ -23,6 +23,7 @@ NAMES = {
 
 def match_names(names):
     """``{"t": …, "x": …, "y": …, "p": …}``: which of ``names`` is which column; columns not found are left out."""
+    names = set(names)
     there = ((column, [alias for alias in aliases if alias in names]) for column, aliases in NAMES.items())
     return {column: aliases[0] for column, aliases in there if aliases}
 
@@ -66,6 +67,8 @@ def order_notes(order, guessed):
 def as_events(data, time_unit=None):
     """:class:`Events` of whatever holds them in memory.
 
+    Raises :exc:`RecordingError`, in one line, where it is nothing of that kind, or holds what :class:`Events` refuse.
+
     Parameters
     ----------
     data : Events, tuple, mapping or array
@@ -74,11 +77,6 @@ def as_events(data, time_unit=None):
         t, x, y, p, of which whole numbers of t are µs even where they are floats.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of t; whole numbers are µs by default.
-
-    Raises
-    ------
-    RecordingError
-        It is nothing of that kind, or holds what :class:`Events` refuse; one line.
     """
     if isinstance(data, Events):
         return data if time_unit is None else Events(data.t, data.x, data.y, data.p, time_unit=time_unit)
@@ -186,11 +184,12 @@ class ColumnsRecording(Recording):
     ):  # fmt: skip
         self._open_columns, self._read_errors = columns, read_errors
         first, name, unit = columns(), name or str(path), time_unit or file_unit
-        self._layout, self._at = first.layout, range(4)
+        self._at = range(4)
         super().__init__(
             path=path, name=name, format=format, sensor=sensor, num_events=len(first), time_unit=unit,
             time_unit_source="given" if time_unit else "file" if file_unit else "assumed",
         )  # fmt: skip
+        self._layout = first.layout
         with contextlib.closing(first):
             sample = self._read(first, 0, min(len(first), SAMPLE_EVENTS))
         if first.assumed:
@@ -202,10 +201,6 @@ class ColumnsRecording(Recording):
             self.time_unit = guess_unit(sample[self._at[0]])
         self._offset_us = 0 if t_offset is None else int(to_us(t_offset, self.time_unit, f"{name}: t_offset")[0])
 
-    @property
-    def where(self):
-        return f"{self.name}{self._layout}"
-
     def close(self):
         super().close()
         self._open_columns = None  # a mapped file stays open for as long as there is an array of it
@@ -213,8 +208,7 @@ class ColumnsRecording(Recording):
             self._file.close()
 
     def _read(self, columns, start, stop):
-        if self._closed:
-            raise self._closed_error()
+        self._require_open()
         try:
             found = columns.read(start, stop)
             return [found[k] for k in self._at]

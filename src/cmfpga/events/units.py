@@ -60,7 +60,7 @@ def parse_unit(text, where):
     """
     if isinstance(text, bytes):
         text = text.decode("utf-8", "replace")
-    unit = _BY_SPELLING.get(text.strip().lower()) if isinstance(text, str) else None
+    unit = find_unit(text) if isinstance(text, str) else None
     if unit is None:
         raise RecordingError(f"{where}: time unit {text!r} is not known; one of {', '.join(TIME_UNITS)} is needed")
     return unit
@@ -116,13 +116,9 @@ def _guess_of_fractions(t, steps, us_rate):
 def to_us(t, unit, where, first_event=0):
     """Time stamps ``t`` (integers or floats, in ``unit``) as int64 µs, rounded to the nearest, halves up.
 
-    Integers are converted exactly; floats to the precision of float64.
-
-    Raises
-    ------
-    RecordingError
-        A time stamp is NaN, infinite, or beyond ±2^62 µs; the message starts with ``where`` and names the index
-        of the event, ``first_event`` being that of ``t[0]``.
+    Integers are converted exactly; floats to the precision of float64. Raises :exc:`RecordingError` where a time stamp
+    is NaN, infinite, or beyond ±2^62 µs; the message starts with ``where`` and names the index of the event,
+    ``first_event`` being that of ``t[0]``.
     """
     t = np.asarray(t)
     power = POWER[unit]
