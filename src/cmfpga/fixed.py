@@ -10,16 +10,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Q:
-    """A two's complement (or unsigned) fixed-point format.
+    """A two's complement (or unsigned) fixed-point format: ``Q(5, 12)`` has 18 bits, ``Q(5, 12, signed=False)`` 17.
 
-    Parameters
-    ----------
-    i : int
-        Integer bits, without the sign bit. May be negative where only small values occur.
-    f : int
-        Fraction bits; the step is ``2**-f``.
-    signed : bool
-        Whether there is a sign bit. ``Q(5, 12)`` is 18 bits wide, ``Q(5, 12, signed=False)`` 17.
+    Of these ``i`` are integer bits, without the sign bit; it may be negative where only small values occur. ``f`` are
+    fraction bits; the step is ``2**-f``.
     """
 
     i: int

@@ -22,11 +22,10 @@ START = 1_700_000_000
 @pytest.fixture(params=KINDS)
 def write(request, tmp_path):
     """``write((topic, kind, events, encoding, words), …)``: path of a bag of these topics, three messages each."""
-    rosbags = pytest.importorskip("rosbags")
+    pytest.importorskip("rosbags")
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    assert rosbags
     ros = KINDS[request.param]
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     for name, fields in FIELDS.items():

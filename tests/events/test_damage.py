@@ -10,11 +10,7 @@ import pytest
 
 from cmfpga.errors import RecordingError
 from cmfpga.events import open_recording
-from support.recordings import cut, damaged, make_events, read_all, refusal
-
-
-def columns(events):
-    return events.t, events.x, events.y, events.p
+from support.recordings import columns, cut, damaged, flip, make_events, read_all, refusal
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.99])
@@ -25,6 +21,13 @@ def test_truncated(write, rng, share):
     if path.suffix == ".txt":
         path.write_bytes(path.read_bytes().rsplit(b" ", 1)[0])
     assert re.search(r"truncated|line \d+: [123] fields?", refusal(path, "either"))
+
+
+@pytest.mark.parametrize("write", ["npz", "zip", "txt.gz"], indirect=True)
+def test_one_changed_byte_of_what_is_compressed(write, rng):
+    path = write(*columns(make_events(rng, 100_000)))
+    flip(path)
+    assert re.search("truncated or damaged|line", refusal(path, "either"))
 
 
 def test_changed_bytes(write, rng):
@@ -53,18 +56,15 @@ def _encrypted(path, flags=1, method=None):
     path.write_bytes(content)
 
 
-def _of_type(path, kind):
+def _of_type(path, kind=None):
+    """HDF5 with times of this type; of none: in another file."""
     with h5py.File(path, "w") as file:
         for name in "xyp":
             file[f"events/{name}"] = [1, 1]
-        h5py.h5d.create(file["events"].id, b"t", kind, h5py.h5s.create_simple((2,)))
-
-
-def _outside(path):
-    with h5py.File(path, "w") as file:
-        for name in "xyp":
-            file[f"events/{name}"] = [1, 1]
-        file.create_dataset("events/t", (2,), dtype="i8", external=[(str(path) + ".bin", 0, 16)])
+        if kind:
+            h5py.h5d.create(file["events"].id, b"t", kind, h5py.h5s.create_simple((2,)))
+        else:
+            file.create_dataset("events/t", (2,), dtype="i8", external=[(str(path) + ".bin", 0, 16)])
 
 
 def _of_version(path):
@@ -84,7 +84,7 @@ WHOLE = {
         r"\(of an unsupported type\): .*; numbers t, x, y, p are needed",
     ),
     "a.h5": (lambda path: _of_type(path, h5py.h5t.UNIX_D64LE), r"\(of an unsupported type\): .*; numbers t, x, y, p"),
-    "b.h5": (_outside, r"\(incomplete\): .*; it refers to another file, which is needed beside it"),
+    "b.h5": (_of_type, r"\(incomplete\): .*; it refers to another file, which is needed beside it"),
     "c.h5": (_of_version, r"\(of an unknown version\): .*; a newer release"),
 }
 

@@ -10,20 +10,11 @@ import numpy as np
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.errors import RecordingError
-from cmfpga.events import Events, open_recording
+from cmfpga.events import Events
 from cmfpga.events.evt import WORD_BYTES, EvtDecoder, TimeWords
 from cmfpga.events.raw import FORMS
 from cmfpga.reference.wire import decode, to_beats
-from support.recordings import (
-    assert_reads,
-    assert_same,
-    evt2,
-    evt3,
-    evt21,
-    make_events,
-    refusal,
-)  # fmt: skip
+from support.recordings import assert_cut_off, assert_reads, assert_same, evt2, evt3, evt21, make_events, refusal
 
 #: ``(header, encoder)`` of each version, as cameras' programs write it.
 VERSIONS = {
@@ -38,12 +29,11 @@ VERSIONS = {
 }
 
 
-def decoded(version, data, sizes):
-    """All events of ``data``, given to a decoder in pieces of these sizes."""
-    decoder, parts, file = EvtDecoder(version), [], io.BytesIO(data)
-    for size in sizes:
-        parts.append(decoder(file.read(size)))
-    assert not file.read() and decoder.rest == data[len(data) - len(decoder.rest) :]
+def decoded(version, data, sizes, early=0):
+    """All events of ``data``, given to a decoder in pieces of these sizes; so many come ahead of the first time."""
+    decoder, file = EvtDecoder(version), io.BytesIO(data)
+    parts = [decoder(file.read(size)) for size in sizes]
+    assert not file.read() and decoder.rest == data[len(data) - len(decoder.rest) :] and decoder.early == early
     return Events(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -136,12 +126,8 @@ def test_any_words_of_evt3_as_the_hardware_decodes_them(rng):
     early = sum(not token.known for token in tokens if token.event)
     t, x, y = np.array([token[:3] for token in tokens if token.event and token.known]).T
     for most in (3, 50, 50_000):
-        decoder, parts, rest = EvtDecoder("3.0"), [], words.tobytes()
-        for size in cuts(rng, len(rest), most):
-            parts.append(decoder(rest[:size]))
-            rest = rest[size:]
-        found = Events(*map(np.concatenate, zip(*parts, strict=True)))
-        assert decoder.early == early > 50 and len(found) == len(t) > 5000
+        found = decoded("3.0", words.tobytes(), cuts(rng, words.nbytes, most), early)
+        assert early > 50 and len(found) == len(t) > 5000
         assert found.t.max() > 1 << 28 and (found.t % (1 << 32) == t).all() and (found.y == y).all()
         assert (np.minimum(found.x, 4096) == np.minimum(x, 4096)).all() and 20 < (x >= 2048).sum() < len(x)
     assert counts["time_high_back"] > 40 and counts["other_words"] > 800 and counts["format_errors"] > 800
@@ -207,10 +193,7 @@ def test_events_ahead_of_the_first_word_of_time(tmp_path, form):
     assert recording.notes() == [
         f"{tmp_path / 'a.raw'}: {early} events ahead of the first time word have no time: they are left out"
     ]
-    decoder = EvtDecoder(FORMS[form])
-    parts = [decoder(words.tobytes()[k : k + 3]) for k in range(0, words.nbytes, 3)]
-    assert_same(Events(*map(np.concatenate, zip(*parts, strict=True))), Events(**expected))
-    assert decoder.early == early
+    assert_same(decoded(FORMS[form], words.tobytes(), [3] * words.nbytes, early), Events(**expected))
 
 
 @pytest.mark.parametrize("header, options, message", [
@@ -246,17 +229,8 @@ def test_sensor(tmp_path, rng, header, sensor):
 
 @pytest.mark.parametrize("form, word", [("evt2", 4), ("evt21", 8), ("evt21-legacy", 8), ("evt3", 2)])
 def test_truncated_within_a_word(tmp_path, rng, form, word):
-    """All whole events come first, then one line."""
     events, path = bursts(rng), tmp_path / "a"
     content = VERSIONS[form][0].encode() + VERSIONS[form][1](events)
     path.write_bytes(content[: len(content) - word * 100 - 1])
-    got = []
-    with open_recording(path) as recording, pytest.raises(RecordingError) as error:
-        got.extend(recording.chunks(size=64))
-    got = Events.concatenate(got)
-    assert 2200 < len(got) < 3000
-    assert_same(got, events[: len(got)])
-    told = (
-        f"{path}: truncated: {word - 1} of {word} bytes of the last word are there; the {len(got)} events before were"
-    )
-    assert str(error.value) == f"{told} read"
+    message = f"truncated: {word - 1} of {word} bytes of the last word are there; the {{}} events before were read"
+    assert_cut_off(path, events, message, 2201)

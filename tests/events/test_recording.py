@@ -12,13 +12,10 @@ from studies.accuracy.real import WINDOWS
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events, Format, MemoryRecording, formats, open_recording
 from cmfpga.events import recording as recording_module
-from support.recordings import assert_reads, assert_same, make_events, read_all, refusal
+from cmfpga.events.units import guess_unit
+from support.recordings import assert_reads, assert_same, columns, make_events, read_all, refusal
 
 GOOD = dict(t=[10, 20, 20, 35], x=[0, 5, 239, 7], y=[0, 9, 179, 8], p=[0, 1, 1, 0])
-
-
-def columns(events):
-    return events.t, events.x, events.y, events.p
 
 
 # -------------------------------------------------------------------- what is read
@@ -26,7 +23,9 @@ def columns(events):
 
 def test_reads_back(write, rng):
     events = make_events(rng)
-    recording = assert_reads(write(*columns(events)), events)
+    path = write(*columns(events))
+    assert assert_reads(path, events, sensor=(240, np.int64(180))).height == 180
+    recording = assert_reads(path, events)
     assert recording.num_events in (None, len(events))
     assert (recording.width, recording.height, recording.time_unit_source) == (None, None, "assumed")
     with pytest.raises(RecordingError, match="closed"):
@@ -73,11 +72,6 @@ def test_unusual_polarities(write, given, read, counted):
     with open_recording(path) as recording:
         (note,) = recording.notes()
     assert note.endswith(f": polarities of the first 4 events: {counted} taken as brighter (contrast needs none)")
-
-
-def test_sensor_given(write):
-    recording = assert_reads(write(**GOOD), GOOD, sensor=(240, np.int64(180)))
-    assert (recording.width, recording.height) == (240, 180)
 
 
 @pytest.mark.filterwarnings("error::ResourceWarning", "error::pytest.PytestUnraisableExceptionWarning")
@@ -137,18 +131,10 @@ def test_no_events(write):
 # -------------------------------------------------------------------- files that cannot be opened
 
 
-def folder(path):
-    path.mkdir()
-
-
 def pipe(path):
     if not hasattr(os, "mkfifo"):
         pytest.skip("no named pipes on this system")
     os.mkfifo(path)
-
-
-def empty(path):
-    path.write_bytes(b"")
 
 
 def any_bytes(path):
@@ -158,9 +144,9 @@ def any_bytes(path):
 SUFFIXES = ("h5", "hdf5", "npy", "npz", "zip", "txt", "aedat4", "aedat", "raw", "dat", "es")
 NO_RECORDINGS = [
     ("nothing.h5", lambda path: None, "no such file"),
-    ("folder", folder, "a directory"),
+    ("folder", Path.mkdir, "a directory"),
     ("pipe.txt", pipe, "not a regular file"),
-    *((name, empty, "the file is empty") for name in ("a.h5", "a.txt", "a.npy", "a.npz", "a.zip", "a")),
+    *((name, Path.touch, "the file is empty") for name in ("a.h5", "a.txt", "a.npy", "a.npz", "a.zip", "a")),
     *((name, any_bytes, r"format not known; .*HDF5 \(\.h5.*text \(\.txt") for name in ("a.blob", "a.rosbag", "a")),
     *((f"a.{suffix}", any_bytes, "does not begin like it") for suffix in SUFFIXES),
 ]
@@ -246,9 +232,11 @@ SENSORS = {
 
 @pytest.mark.parametrize("name", SENSORS)
 def test_real_recordings(data_dir, name):
+    """What their attributes say; the rule finds the unit without them."""
     with open_recording(data_dir / name) as recording:
         assert recording.time_unit_source == "file" and recording.time_unit == "us"
         assert (recording.width, recording.height) == SENSORS[name]
+        assert guess_unit(next(recording.chunks()).t) == "us"
 
 
 def test_whatever_lies_in_the_folder(data_dir):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from studies.accuracy.real import WINDOWS
 
 from cmfpga.errors import RecordingError
 from cmfpga.events import open_recording
@@ -91,14 +90,6 @@ def test_multiples_of_1000_need_many_ticks(ticks, unit):
 
 def test_coarse_clock_in_microseconds_is_not_taken_for_nanoseconds(rng):
     assert guess_unit(clock(rng, 2e5, 65_536) // 1000 * 1000) == "us"
-
-
-@pytest.mark.parametrize("name", [*dict.fromkeys(w.file for w in WINDOWS), "prophesee_spinner_640x480.h5"])
-def test_real_recordings_as_integers(data_dir, name):
-    """The rule, without the attribute that the files have."""
-    with open_recording(data_dir / name) as recording:
-        t = next(recording.chunks()).t
-    assert guess_unit(t) == "us"
 
 
 def test_in_files(write, rng):

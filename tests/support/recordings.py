@@ -1,6 +1,7 @@
 """Events, files of them in every format written without the code under test, and how a file is refused."""
 
 import gzip
+import re
 import zipfile
 
 import h5py
@@ -15,6 +16,10 @@ def make_events(rng, count=1000, width=240, height=180, step=20):
     """Random events; many time stamps are equal, as in recordings."""
     t = 5_000 + np.cumsum(rng.integers(0, step, count) * rng.integers(0, 2, count))
     return Events(t, rng.integers(width, size=count), rng.integers(height, size=count), rng.integers(2, size=count))
+
+
+def columns(events):
+    return [getattr(events, name) for name in "txyp"]
 
 
 def read_all(recording, **options):
@@ -47,6 +52,17 @@ def refusal(path, when="open", *, size=1 << 16, start=0, **options):
     text = str(error.value)
     assert text.startswith(str(path)) and "\n" not in text
     return text.removeprefix(str(path))
+
+
+def assert_cut_off(path, events, message, least, size=64):
+    """The file gives the first of ``events``, at least so many, then a line; {} in ``message`` is their number."""
+    got = [Events.empty()]
+    with pytest.raises(RecordingError) as error, open_recording(path) as recording:
+        got.extend(recording.chunks(size=size))
+    got = Events.concatenate(got)
+    assert least <= len(got) < len(events)
+    assert_same(got, events[: len(got)])
+    assert re.fullmatch(re.escape(f"{path}: ") + message.format(len(got)), str(error.value))
 
 
 def damaged(path, rng, count, headers):
@@ -143,7 +159,7 @@ def packed(form, *columns):
 
 
 def integers(events):
-    return (getattr(events, name).astype(np.int64) for name in "txyp")
+    return (column.astype(np.int64) for column in columns(events))
 
 
 def evt2(events):

@@ -13,10 +13,10 @@ from tqdm import tqdm
 
 from .. import cli
 from ..engines import make_engine
-from ..errors import ConfigError, RecordingError, needs
+from ..errors import ConfigError, needs
 from ..events import BatchCutter, open_recording
 from ..imaging.camera import calibration_of, extent
-from ..imaging.survey import Survey, propose, survey_all
+from ..imaging.survey import propose, survey_all
 from ..imaging.survey.statistics import pixels_text, shown
 from ..protocol.settings import BatchSettings
 from ..reference.integer.filters import NoiseFilter
@@ -63,15 +63,10 @@ def parser():
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
-    broken = None
     with cli.noted(open_recording(options.recording, **cli.reading(options))) as recording:
-        survey = Survey(recording.width, recording.height)
-        try:
-            survey_all(recording, survey)
-        except RecordingError as error:
-            if not survey.events:
-                raise
-            broken = error  # what came before is worth knowing
+        survey, broken = survey_all(recording)
+        if broken is not None and not survey.events:  # otherwise what came before is worth knowing
+            raise broken
         config = _config(options, recording, survey)
         proposals = []
         if not options.no_proposal:

@@ -18,27 +18,7 @@ for _format in (
     register_format(_format)
 
 __all__ = [
-    "WAITING",
-    "Batch",
-    "BatchCutter",
-    "EventSource",
-    "Events",
-    "Feed",
-    "Format",
-    "Hdf5Writer",
-    "LiveSource",
-    "MemoryRecording",
-    "Motion",
-    "Recording",
-    "Scene",
-    "Synthetic",
-    "as_events",
-    "formats",
-    "forms",
-    "generate",
-    "is_live",
-    "open_recording",
-    "open_source",
-    "register_format",
-    "write_hdf5",
-]
+    "WAITING", "Batch", "BatchCutter", "EventSource", "Events", "Feed", "Format", "Hdf5Writer", "LiveSource",
+    "MemoryRecording", "Motion", "Recording", "Scene", "Synthetic", "as_events", "formats", "forms", "generate",
+    "is_live", "open_recording", "open_source", "register_format", "write_hdf5",
+]  # fmt: skip

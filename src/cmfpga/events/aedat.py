@@ -28,8 +28,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from .recording import Format
-from .streamed import RecordsRecording, StreamedRecording
-from .units import to_us
+from .streamed import RecordsRecording, StreamedRecording, Truncated
 
 _MAGIC = b"#!AER-DAT2.0"
 _SAMPLE_BYTES = 1 << 16
@@ -115,8 +114,8 @@ class Aedat3Recording(StreamedRecording):
         super().__init__(path, "AEDAT 3.1", sensor=sensor or size, time_unit=time_unit)
         self._require_events()
 
-    def _pieces(self):
-        camera, count, end = None, 0, self.path.stat().st_size
+    def _stored(self):
+        camera, end = None, self.path.stat().st_size
         with self.path.open("rb") as file:
             file.seek(self._begin)
             while head := file.read(_PACKET.size):
@@ -126,31 +125,17 @@ class Aedat3Recording(StreamedRecording):
                     camera, content = source, file.read(size * capacity - max(missing, 0))
                     words = np.frombuffer(content[: len(content) // size * size], "<u4").reshape(-1, 2)[:number]
                     data, t = words[words[:, 0] & 1 == 1].T.astype(np.int64)
-                    if len(t):
-                        t = to_us(t + (turns << 31), self.time_unit, self.name, count)
-                        yield t, data >> 17, data >> 2 & 0x7FFF, data >> 1 & 1
-                        count += len(t)
+                    yield t + (turns << 31), data >> 17, data >> 2 & 0x7FFF, data >> 1 & 1
                 else:
                     file.seek(min(file.tell() + size * capacity, end))
                 if missing > 0:
-                    raise RecordingError(
-                        f"{self.name}: truncated: {missing} bytes of the last packet are missing; the {count} events "
-                        "before were read"
-                    )
+                    raise Truncated(f"{missing} bytes of the last packet are missing")
 
 
 def _refuse(path, *, time_unit=None, sensor=None):
     with path.open("rb") as file:
         version = file.readline(40)[9:].strip().decode("latin-1")
     raise RecordingError(f"{path}: AEDAT {version!r}; version 2.0, 3.1 or 4.0 is needed")
-
-
-FORMATS = (
-    # Asked last: any other version.
-    Format("AEDAT", (".aedat",), lambda head, path: head.startswith(b"#!AER-DAT"), _refuse),
-    Format("AEDAT 2.0", (".aedat",), lambda head, path: head.startswith(_MAGIC), Aedat2Recording),
-    Format("AEDAT 3.1", (".aedat",), lambda head, path: head.startswith(_MAGIC_3), Aedat3Recording),
-)
 
 
 class NmnistRecording(RecordsRecording):
@@ -161,18 +146,22 @@ class NmnistRecording(RecordsRecording):
     def __init__(self, path, *, time_unit=None, sensor=None, form=None):
         super().__init__(path, "N-MNIST", sensor=sensor, time_unit=time_unit)
 
-    def _decode(self, content):
-        return _nmnist_events(content)
-
-
-def _nmnist_events(content):
-    x, y, high, middle, low = np.frombuffer(content, np.uint8).reshape(-1, 5).T.astype(np.int64)
-    return (high & 0x7F) << 16 | middle << 8 | low, x, y, high >> 7
+    @staticmethod
+    def _decode(content):
+        x, y, high, middle, low = np.frombuffer(content, np.uint8).reshape(-1, 5).T.astype(np.int64)
+        return (high & 0x7F) << 16 | middle << 8 | low, x, y, high >> 7
 
 
 def _is_nmnist(head, path):
     whole = len(head) // NmnistRecording.record_bytes * NmnistRecording.record_bytes
-    return path.suffix.lower() == ".bin" and whole > 0 and not (np.diff(_nmnist_events(head[:whole])[0]) < 0).any()
+    t, *_ = NmnistRecording._decode(head[:whole])
+    return path.suffix.lower() == ".bin" and len(t) > 0 and not (np.diff(t) < 0).any()
 
 
+FORMATS = (
+    # Asked last: any other version.
+    Format("AEDAT", (".aedat",), lambda head, path: head.startswith(b"#!AER-DAT"), _refuse),
+    Format("AEDAT 2.0", (".aedat",), lambda head, path: head.startswith(_MAGIC), Aedat2Recording),
+    Format("AEDAT 3.1", (".aedat",), lambda head, path: head.startswith(_MAGIC_3), Aedat3Recording),
+)
 NMNIST = Format("N-MNIST", (".bin",), _is_nmnist, NmnistRecording, forms=("nmnist",))

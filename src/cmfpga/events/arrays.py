@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from ..errors import RecordingError
-from .units import TIME_UNITS, parse_unit, to_us
+from .units import TIME_UNITS, parse_unit, refuse, to_us
 
 # Columns and rows are uint16 in memory.
 _LARGEST_COORDINATE = (1 << 16) - 1
@@ -19,67 +19,30 @@ _CODES = (*range(-1, 16), 255)
 class EventChecker:
     """Turns the chunks of one recording, in order, into columns of :class:`Events`; refuses what cannot be used.
 
-    Parameters
-    ----------
-    where : str
-        Start of every message: the file, and what the columns are if that needs to be said.
-    width, height : int or None
-        Size of the sensor, px. Without it coordinates are only held to 0 … 65535.
-    first_event : int
-        Index in the recording of the first event that will be given.
-    highest_off : int
-        Polarities up to it mean darker.
+    ``where`` begins every message: the file, and what the columns are if that needs to be said. Without the sensor's
+    size, px, coordinates are only held to 0 … 65535. Polarities up to ``highest_off`` mean darker.
     """
 
     def __init__(self, where, width=None, height=None, first_event=0, highest_off=0):
-        self.where = where
-        self.width = width
-        self.height = height
-        self.next_event = first_event
-        self._last_t = None
-        self._off = highest_off
+        self.where, self.width, self.height = where, width, height
+        self.next_event, self._last_t, self._off = first_event, None, highest_off
 
     def __call__(self, t, x, y, p):
-        """``(t, x, y, p)`` of the next chunk, as :class:`Events` keep them.
+        """``(t, x, y, p)`` of the next chunk, as :class:`Events` keep them; t is int64, µs.
 
-        Parameters
-        ----------
-        t : int64 array
-            Time stamps, µs. Negative ones are allowed.
-        x, y : arrays of integers, or of floats with whole values
-            Column and row.
-        p : array of bool or numbers
-            Polarity: -1 to 15, or 255, which is -1.
-
-        Raises
-        ------
-        RecordingError
-            A time stamp is lower than the one before (also across chunks), a coordinate is no whole number,
-            negative or outside the sensor, or a polarity is another number.
+        Raises :exc:`RecordingError` where a time stamp is lower than the one before (also across chunks), a coordinate
+        is no whole number, negative or outside the sensor, or a polarity is another number than -1 to 15, or 255.
         """
-        self._check_order(t)
+        before = np.concatenate([t[:1] if self._last_t is None else [self._last_t], t[:-1]])
+        never = "of the event before; it must never decrease"
+        self._refuse("time stamp", t < before, lambda k: f"{t[k]} µs, after {before[k]} µs {never}")
         x, y, p = self.coordinate("x", x, self.width), self.coordinate("y", y, self.height), self.polarity(p)
         self.next_event += len(t)
         self._last_t = int(t[-1]) if len(t) else self._last_t
         return t, x, y, p
 
-    def _fail(self, k, message):
-        raise RecordingError(f"{self.where}: {message.format(event=f'event {self.next_event + k}')}")
-
-    def _check_order(self, t):
-        if not len(t):
-            return
-        if self._last_t is not None and t[0] < self._last_t:
-            self._fail_order(0, self._last_t, t[0])
-        back = t[1:] < t[:-1]
-        if back.any():
-            k = int(back.argmax())
-            self._fail_order(k + 1, t[k], t[k + 1])
-
-    def _fail_order(self, k, before, after):
-        self._fail(
-            k, f"time stamp of {{event}} is {after} µs, after {before} µs of the event before; it must never decrease"
-        )
+    def _refuse(self, name, bad, say):
+        refuse(bad, lambda k: f"{self.where}: {name} of event {self.next_event + k} is {say(k)}")
 
     def coordinate(self, name, values, size=None):
         """Column ``name``, x or y, as uint16; ``size`` is that of the sensor, px."""
@@ -87,24 +50,20 @@ class EventChecker:
             return values.astype(np.uint16)
         if values.dtype.kind == "f":
             odd = ~(values == np.floor(values))  # NaN too
-            if odd.any():
-                k = int(odd.argmax())
-                self._fail(k, f"{name} of {{event}} is {values[k]}; a whole number of pixels is needed")
+            self._refuse(name, odd, lambda k: f"{values[k]}; a whole number of pixels is needed")
         largest = _LARGEST_COORDINATE if size is None else size - 1
         if values.min() < 0 or values.max() > largest:  # faster than a mask of each chunk
-            k = int(((values < 0) | (values > largest)).argmax())
             sensor = "" if size is None else f" on a sensor of {self.width}×{self.height} px"
-            self._fail(k, f"{name} of {{event}} is {values[k]:.0f}; 0 to {largest} is allowed{sensor}")
+            outside = (values < 0) | (values > largest)
+            self._refuse(name, outside, lambda k: f"{values[k]:.0f}; 0 to {largest} is allowed{sensor}")
         return values.astype(np.uint16)
 
     def polarity(self, values):
         """Polarities as uint8, 0 and 1."""
         if values.dtype.kind == "b":
             return values.astype(np.uint8)
-        bad = ~np.isin(values, _CODES)
-        if bad.any():
-            k = int(bad.argmax())
-            self._fail(k, f"polarity of {{event}} is {values[k]}; 0 and 1, or -1 and 1, are usual; 2 to 15 and 255 go")
+        bad, usual = ~np.isin(values, _CODES), "0 and 1, or -1 and 1, are usual; 2 to 15 and 255 go"
+        self._refuse("polarity", bad, lambda k: f"{values[k]}; {usual}")
         return ((values > self._off) & (values < _CODES[-1])).astype(np.uint8)
 
 
@@ -129,7 +88,7 @@ def polarity_notes(p):
 
 @dataclass(frozen=True)
 class Events:
-    """Events as four arrays of one length, in order of time.
+    """Events as four arrays of one length, in order of time; :exc:`RecordingError` says what cannot be used.
 
     Parameters
     ----------
@@ -143,11 +102,6 @@ class Events:
         are brighter, too, and 255, an unsigned -1, is darker. Kept as uint8, 1 = brighter, 0 = darker.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of ``t``.
-
-    Raises
-    ------
-    RecordingError
-        An array cannot be used, or the lengths differ; one line.
     """
 
     t: np.ndarray
@@ -193,9 +147,7 @@ class Events:
     @classmethod
     def concatenate(cls, parts):
         """All events of ``parts``, an iterable of :class:`Events`, one after the other."""
-        parts = list(parts)
-        if not parts:
-            return cls.empty()
+        parts = list(parts) or [cls.empty()]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in "txyp"))
 
     @classmethod
@@ -213,9 +165,7 @@ def _microseconds(t, unit):
         own, steps = np.datetime_data(t.dtype)
         if own not in TIME_UNITS or steps != 1 or unit not in (None, own):
             raise RecordingError(f"Events: t holds {t.dtype}; the unit {unit or ', '.join(TIME_UNITS)} is needed")
-        bad = np.isnat(t)
-        if bad.any():
-            raise RecordingError(f"Events: time stamp of event {bad.argmax()} is NaT; a time is needed")
+        refuse(np.isnat(t), lambda k: f"Events: time stamp of event {k} is NaT; a time is needed")
         return to_us(t.astype(np.int64), own, "Events")
     if t.dtype == np.int64 and unit is None:
         return t
@@ -230,15 +180,9 @@ def _microseconds(t, unit):
 class EventSource(Protocol):
     """Events in order of time. A :class:`~cmfpga.events.Recording` is one; another needs no base class.
 
-    Members
-    -------
-    name : str
-        For people.
-    width, height : int or None
-        Size of the sensor, px; None where it is not known.
-    seekable : bool
-        :meth:`chunks` may be called more than once, and gives the same events again. What comes live is not seekable:
-        it can be tracked, but no batch of it can be traced afterwards.
+    ``name`` is for people; ``width`` and ``height`` are those of the sensor, px, None where they are not known. Of a
+    ``seekable`` one :meth:`chunks` may be called more than once, and gives the same events again. What comes live is
+    not seekable: it can be tracked, but no batch of it can be traced afterwards.
     """
 
     name: str

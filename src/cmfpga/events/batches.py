@@ -15,7 +15,7 @@ _END = object()
 
 # Events whose coordinates are looked at in one go when ROI events are counted: little more than a batch.
 _SCAN_EVENTS = 4096
-#: The most events that :meth:`BatchCutter.pieces` gives at a time.
+#: The most events that :meth:`BatchCutter.piece` gives at a time.
 PIECE_EVENTS = 4096
 
 
@@ -23,14 +23,9 @@ PIECE_EVENTS = 4096
 class Batch(Events):
     """Events of one batch.
 
-    Parameters
-    ----------
-    first_event : int
-        Index in the recording of the first event (for an empty batch: of the event that comes next).
-    cut_short : bool
-        The batch was cut at ``max_events`` before it was complete; its other events begin the next batch.
-    window : (int, int) or None
-        With ``duration_us``: the window's begin and end, µs; the end is exclusive.
+    ``first_event`` is the index in the recording of the first event (for an empty batch: of the event that comes next).
+    A batch that is ``cut_short`` was cut at ``max_events`` before it was complete; its other events begin the next one.
+    With ``duration_us``, ``window`` has the window's begin and end, µs; the end is exclusive.
     """
 
     first_event: int = 0
@@ -56,10 +51,12 @@ class BatchCutter:
     A last incomplete batch is not returned: it would be estimated from fewer events, or less time, than all others. A
     window only counts as complete once there is an event after it, so the last window is never returned whole.
 
+    Raises :exc:`ConfigError` for a value that is not allowed; :exc:`RecordingError`, also in :meth:`next`, is the
+    source's.
+
     Parameters
     ----------
     source : EventSource
-        Such as a :class:`~cmfpga.events.Recording`.
     start_event : int
         Index of the first event to cut.
     events, duration_us, roi_events : int, optional
@@ -69,22 +66,14 @@ class BatchCutter:
     seen : callable, optional
         ``seen(events)``: events whose ``x`` and ``y`` are where the ROI has them, as
         :func:`cmfpga.imaging.camera.seen` finds them.
-
-    Raises
-    ------
-    ConfigError
-        Not exactly one mode, or a value that is not allowed.
-    RecordingError
-        From the source, here or in :meth:`next`.
     """
 
     def __init__(self, source, *, start_event=0, events=None, duration_us=None, roi_events=None, max_events, seen=None):
         modes = {"events": events, "duration_us": duration_us, "roi_events": roi_events}
         given = {name: value for name, value in modes.items() if value is not None}
         if len(given) != 1:
-            raise ConfigError(
-                f"{' and '.join(given) or 'no size'} given for batches: one of {', '.join(modes)} is needed"
-            )
+            told = " and ".join(given) or "no size"
+            raise ConfigError(f"{told} given for batches: one of {', '.join(modes)} is needed")
         self.max_events = whole("max_events", max_events)
         ((self.mode, size),) = given.items()
         self.size = whole(self.mode, size)
@@ -95,15 +84,10 @@ class BatchCutter:
         self._chunks = source.chunks(self._start, CHUNK_EVENTS)
         self._chunk = Events.empty()
         self._at = 0  # first event of the chunk that is in no batch yet
-        self._position = self._start
-        self._window_begin = None
-        self._leftover = self._broken = None
+        #: Index in the recording of the next event to cut.
+        self.position = self._start
+        self._window_begin = self._leftover = self._broken = None
         self._parts, self._count, self._inside = [], 0, 0  # of the batch that is being filled
-
-    @property
-    def position(self):
-        """Index in the recording of the next event to cut."""
-        return self._position
 
     @property
     def leftover(self):
@@ -112,7 +96,7 @@ class BatchCutter:
 
     def too_few(self):
         """The :exc:`ConfigError` of a track without any batch, or of a single event."""
-        left = f"({self._position - self._start + self.leftover} left)"
+        left = f"({self.position - self._start + self.leftover} left)"
         return ConfigError(f"{self._source.name}: too few events for one batch after event {self._start} {left}")
 
     @property
@@ -165,11 +149,8 @@ class BatchCutter:
     def next(self, roi=None):
         """The next :class:`Batch`, None at the end, or :data:`WAITING`.
 
-        Parameters
-        ----------
-        roi : (x, y, width, height), optional
-            Left column, top row and size of the ROI, px, integers. It counts with ``roi_events`` only, and may be
-            another one for each batch. Parts outside the sensor hold no events.
+        ``roi`` is (x, y, width, height): left column, top row and size of the ROI, px, integers. It counts with
+        ``roi_events`` only, and may be another one for each batch. Parts outside the sensor hold no events.
         """
         if self.mode == "roi_events" and self._leftover is None:
             roi = _checked_roi(roi)
@@ -194,26 +175,22 @@ class BatchCutter:
             if complete or cut_short:
                 return self._batch(cut_short)
 
-    def pieces(self):
-        """A function that gives what has come next, however much it is; None at the end, or :data:`WAITING`.
+    def piece(self):
+        """What has come next, at most :data:`PIECE_EVENTS`; None at the end, or :data:`WAITING`.
 
-        In place of :meth:`next`: nothing waits for a batch to be complete.
+        Instead of :meth:`next`: nothing waits for a batch to be complete.
         """
-
-        def piece():
-            rest = self._rest(0)
-            if rest is None or rest is WAITING:
-                return rest
-            part = rest[:PIECE_EVENTS]
-            self._at += len(part)
-            self._position += len(part)
-            return part
-
-        return piece
+        rest = self._rest(0)
+        if rest is None or rest is WAITING:
+            return rest
+        part = rest[:PIECE_EVENTS]
+        self._at += len(part)
+        self.position += len(part)
+        return part
 
     def give_back(self, count):
-        """So many of the last events that :meth:`pieces` gave belong to no window."""
-        self._position -= count
+        """So many of the last events that :meth:`piece` gave belong to no window."""
+        self.position -= count
         if self._leftover is not None:
             self._leftover = count
 
@@ -227,9 +204,9 @@ class BatchCutter:
         return take, complete, False
 
     def _batch(self, cut_short):
-        parts, count, first = self._parts, self._count, self._position
+        parts, count, first = self._parts, self._count, self.position
         self._parts, self._count, self._inside = [], 0, 0
-        self._position += count
+        self.position += count
         window = None
         if self.mode == "duration_us":
             window = (self._window_begin, self._window_begin + self.size)
@@ -262,9 +239,9 @@ def whole(name, value, low=1):
 
 def _checked_roi(roi):
     try:
-        x, y, width, height = (operator.index(value) for value in roi)
+        _, _, width, height = roi = tuple(map(operator.index, roi))
     except (TypeError, ValueError):
         raise ConfigError(f"roi = {roi!r}: four integers (x, y, width, height) are needed with roi_events") from None
     if width < 1 or height < 1:
         raise ConfigError(f"roi = {roi!r}: width and height of 1 or more are needed")
-    return x, y, width, height
+    return roi

@@ -8,6 +8,7 @@ Formats: https://gitlab.com/inivation/inivation-docs (AEDAT 4), https://docs.pro
 https://github.com/neuromorphic-paris/event_stream (Event Stream).
 """
 
+import functools
 import importlib
 import struct
 
@@ -15,30 +16,17 @@ from ..errors import RecordingError
 from .columns import readable, why
 from .raw import is_dat, prophesee_header
 from .recording import HEAD_BYTES, Format
-from .streamed import StreamedRecording
-from .units import to_us
+from .streamed import StreamedRecording, Truncated
 
 EXTRA = "pip install 'cmfpga[formats]'"
 
 _DAT_EVENT_BYTES = 8
-# What faery is told where a file does not name the sensor: all that the format's coordinates can be.
-_ANY_SENSOR = {"dat": (1 << 14, 1 << 14)}
 _AEDAT4 = b"#!AER-DAT4"
 _AEDAT4_BEGIN = 18  # the magic line, and four bytes of the header's length
 
 
 class CameraRecording(StreamedRecording):
-    """Events of a file that ``faery`` decodes.
-
-    Parameters
-    ----------
-    kind : {"aedat", "dat", "es"}
-        As faery calls the format.
-    format : str
-        For people.
-    file_sensor : (int, int) or None
-        What the file says.
-    """
+    """Events of a file that ``faery`` decodes, which calls the format ``kind``; ``file_sensor``: what the file says."""
 
     def __init__(self, path, *, kind, format, time_unit=None, sensor=None, file_sensor=None):
         self._kind = kind
@@ -49,29 +37,26 @@ class CameraRecording(StreamedRecording):
         self._require_events()
 
     def _stream(self):
-        return self._faery.events_stream_from_file(
-            self.path, file_type=self._kind, dimensions_fallback=_ANY_SENSOR.get(self._kind, (1, 1))
-        )
+        # Of a DAT that does not name the sensor, all that its coordinates can be.
+        sensor = (1 << 14, 1 << 14) if self._kind == "dat" else (1, 1)
+        return self._faery.events_stream_from_file(self.path, file_type=self._kind, dimensions_fallback=sensor)
 
     def _decoder_sensor(self):
-        if self._kind in _ANY_SENSOR:
+        if self._kind == "dat":
             return None
         try:
             return tuple(map(int, self._stream().dimensions()))
         except BaseException as error:
             raise self._error(error, 0) from None
 
-    def _pieces(self):
-        count = 0
-        stream = None
+    def _stored(self):
+        count, stream = 0, None
         try:
             stream = iter(self._stream())
             while (events := next(stream, None)) is not None:
-                if len(events):
-                    t = to_us(events["t"], self.time_unit, self.name, count)
-                    count += len(events)
-                    yield t, events["x"], events["y"], events["on"]
-        except (GeneratorExit, RecordingError):
+                count += len(events)
+                yield [events[name] for name in ("t", "x", "y", "on")]
+        except GeneratorExit:
             raise
         except BaseException as error:
             raise self._error(error, count) from None
@@ -79,7 +64,7 @@ class CameraRecording(StreamedRecording):
             if stream is not None:
                 stream.close()
         if rest := self._truncated_bytes():
-            raise RecordingError(f"{self.name}: truncated: {rest}; the {count} events before were read")
+            raise Truncated(rest)
 
     def _error(self, error, count):
         # A defect in faery's compiled part shows as pyo3's PanicException, which is no Exception.
@@ -113,9 +98,6 @@ def import_optional(name, path, format):
         raise RecordingError(f"{path}: reading {format} needs the package {name}: {EXTRA}") from None
 
 
-# -------------------------------------------------------------------- DAT
-
-
 def open_dat(path, *, time_unit=None, sensor=None):
     """The :class:`Recording` of a Prophesee DAT file."""
     with path.open("rb") as file:
@@ -125,9 +107,6 @@ def open_dat(path, *, time_unit=None, sensor=None):
         path, kind="dat", format="Prophesee DAT", time_unit=time_unit, sensor=sensor,
         file_sensor=tuple(map(int, size)) if all(side.isdecimal() and int(side) for side in size) else None,
     )  # fmt: skip
-
-
-# -------------------------------------------------------------------- AEDAT 4, Event Stream
 
 
 def _data_table_position(head):
@@ -160,13 +139,10 @@ def open_aedat4(path, *, time_unit=None, sensor=None):
     return CameraRecording(path, kind="aedat", format="AEDAT 4", time_unit=time_unit, sensor=sensor)
 
 
-def open_event_stream(path, *, time_unit=None, sensor=None):
-    """The :class:`Recording` of an Event Stream file of DVS or ATIS events."""
-    return CameraRecording(path, kind="es", format="Event Stream", time_unit=time_unit, sensor=sensor)
-
+_open_es = functools.partial(CameraRecording, kind="es", format="Event Stream")  # of DVS or ATIS events
 
 FORMATS = (
-    Format("Event Stream", (".es",), lambda head, path: head.startswith(b"Event Stream"), open_event_stream),
+    Format("Event Stream", (".es",), lambda head, path: head.startswith(b"Event Stream"), _open_es),
     Format("Prophesee DAT", (".dat",), is_dat, open_dat),
     Format("AEDAT 4", (".aedat4",), lambda head, path: head.startswith(_AEDAT4), open_aedat4),
 )

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import RecordingError
 from .arrays import Events, highest_off
 from .recording import Recording, check_sensor
-from .units import SAMPLE_EVENTS, guess_unit, to_us
+from .units import SAMPLE_EVENTS, guess_unit, refuse, to_us
 
 _MIN_EVENTS = 10  # by which an order of columns is told
 
@@ -24,8 +24,8 @@ NAMES = {
 def match_names(names):
     """``{"t": …, "x": …, "y": …, "p": …}``: which of ``names`` is which column; columns not found are left out."""
     names = set(names)
-    found = {column: next((alias for alias in aliases if alias in names), None) for column, aliases in NAMES.items()}
-    return {column: name for column, name in found.items() if name is not None}
+    there = ((column, [alias for alias in aliases if alias in names]) for column, aliases in NAMES.items())
+    return {column: aliases[0] for column, aliases in there if aliases}
 
 
 def require_names(names, where):
@@ -67,6 +67,8 @@ def order_notes(order, guessed):
 def as_events(data, time_unit=None):
     """:class:`Events` of whatever holds them in memory.
 
+    Raises :exc:`RecordingError`, in one line, where it is nothing of that kind, or holds what :class:`Events` refuse.
+
     Parameters
     ----------
     data : Events, tuple, mapping or array
@@ -75,11 +77,6 @@ def as_events(data, time_unit=None):
         t, x, y, p, of which whole numbers of t are µs even where they are floats.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of t; whole numbers are µs by default.
-
-    Raises
-    ------
-    RecordingError
-        It is nothing of that kind, or holds what :class:`Events` refuse; one line.
     """
     if isinstance(data, Events):
         return data if time_unit is None else Events(data.t, data.x, data.y, data.p, time_unit=time_unit)
@@ -97,12 +94,9 @@ def as_events(data, time_unit=None):
         if table.dtype.kind == "f" and time_unit is None and not np.any(t[np.isfinite(t)] % 1):
             time_unit = "us"  # whole numbers, which are floats for another column's sake
         events = Events(*table.T, time_unit=time_unit)
-        if (odd := np.isin(table[:, 3], range(3, 16))).any():  # codes that files have; here another column more likely
-            k = int(odd.argmax())
-            raise RecordingError(
-                f"events: polarity of event {k} is {table[k, 3]}; 0 and 1, -1 and 1, or 1 and 2 are needed in the last "
-                "column of N×4"
-            )
+        needed = "0 and 1, -1 and 1, or 1 and 2 are needed in the last column of N×4"
+        odd = np.isin(table[:, 3], range(3, 16))  # codes that files have; here another column is more likely
+        refuse(odd, lambda k: f"events: polarity of event {k} is {table[k, 3]}; {needed}")
         return events
     shape = getattr(data, "shape", ())
     raise RecordingError(
@@ -114,52 +108,44 @@ def as_events(data, time_unit=None):
 class Columns:
     """The four columns of events, read by slices.
 
-    Parameters
-    ----------
-    source : dict, or one array
-        ``{"t": array, "x": …, "y": …, "p": …}`` of one-dimensional arrays; or one structured array; or one array of
-        N×4. An array is anything with ``shape``, ``dtype`` and slicing.
-    where : str
-        Start of messages.
-    order : sequence of str, optional
-        Columns of an N×4 array, by default t, x, y, p; of a wider one, other names are not read.
-    close : callable, optional
-        Releases what reading has opened.
+    ``source`` is ``{"t": array, "x": …, "y": …, "p": …}`` of one-dimensional arrays; or one structured array; or one
+    array of N×4. An array is anything with ``shape``, ``dtype`` and slicing. ``order`` names the columns of N×4, by
+    default t, x, y, p; other names are not read. ``close`` releases what reading has opened.
 
-    Raises
-    ------
-    RecordingError
-        The arrays have another shape, lengths that differ, or hold something else than numbers; or hold no events; or
-        an order is given though the columns have names.
+    Raises :exc:`RecordingError`, starting with ``where``, for other shapes, lengths that differ, no numbers, no events;
+    and where an order is given though the columns have names.
     """
 
     def __init__(self, source, where, order=None, close=lambda: None):
-        self.close = close
-        if order and (isinstance(source, dict) or source.dtype.names):
+        self.close, self._source = close, source
+        by_name = isinstance(source, dict)
+        fields = not by_name and source.dtype.names
+        named = bool(by_name or fields)
+        if order and named:
             raise RecordingError(f"{where}: columns {','.join(order)}: they have names of their own")
-        told = order
-        self._order = order = order or (*NAMES,)
-        self._source = source
-        self._names = None
-        if isinstance(source, dict):
-            shapes = {name: array.shape for name, array in source.items()}
-            if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) != 1:
-                sizes = ", ".join(f"{name}: {'×'.join(map(str, shapes[name])) or 'scalar'}" for name in NAMES)
+        #: Whether the order is neither told nor in names; what messages add to the name.
+        self.assumed = not (order or named)
+        order = order or (*NAMES,)
+        self.layout = "" if named else order_notes(order, False)[0]
+        if by_name:
+            shapes = {name: source[name].shape for name in NAMES}
+            shape = shapes["t"]
+            if len(shape) != 1 or set(shapes.values()) != {shape}:
+                sizes = ", ".join(f"{name}: {'×'.join(map(str, size)) or 'scalar'}" for name, size in shapes.items())
                 raise RecordingError(
                     f"{where}: sizes ({sizes}) differ or are not one-dimensional; one length is needed"
                 )
             dtypes = {name: array.dtype for name, array in source.items()}
-            shape = shapes["t"]
-        elif source.dtype.names:
-            self._names = require_names(source.dtype.names, where)
-            dtypes = {name: source.dtype[field] for name, field in self._names.items()}
-            shape = source.shape
-            if len(shape) != 1:
-                raise RecordingError(f"{where}: structured array of {len(shape)} dimensions; 1 is needed")
         else:
-            dtypes = dict.fromkeys(NAMES, source.dtype)
-            shape = source.shape
-            if len(shape) != 2 or shape[1] != len(order):
+            shape, dtypes = source.shape, dict.fromkeys(NAMES, source.dtype)
+            if fields:
+                self._keys = require_names(fields, where)
+                dtypes = {name: source.dtype[field] for name, field in self._keys.items()}
+            else:
+                self._keys = {name: (slice(None), order.index(name)) for name in NAMES}
+            if fields and len(shape) != 1:
+                raise RecordingError(f"{where}: structured array of {len(shape)} dimensions; 1 is needed")
+            if not fields and (len(shape) != 2 or shape[1] != len(order)):
                 size = "×".join(map(str, shape)) or "a single value"
                 raise RecordingError(
                     f"{where}: array of {size}; N×{len(order)} with columns {', '.join(order)} is needed"
@@ -170,9 +156,6 @@ class Columns:
         if not shape[0]:
             raise RecordingError(f"{where}: no events")
         self._length = shape[0]
-        #: Whether the order is neither told nor in names; what messages add to the name.
-        self.assumed = not (told or isinstance(source, dict) or self._names)
-        self.layout = "" if isinstance(source, dict) or self._names else order_notes(order, False)[0]
 
     def __len__(self):
         return self._length
@@ -182,26 +165,15 @@ class Columns:
         if isinstance(self._source, dict):
             return [self._source[name][start:stop] for name in NAMES]
         table = self._source[start:stop]
-        if self._names:
-            return [table[self._names[name]] for name in NAMES]
-        return [table[:, self._order.index(name)] for name in NAMES]
+        return [table[self._keys[name]] for name in NAMES]
 
 
 class ColumnsRecording(Recording):
     """A recording over :class:`Columns`.
 
-    Parameters
-    ----------
-    columns : callable
-        Gives fresh :class:`Columns`: each iteration has its own, so that streams can be read side by side.
-    time_unit : str or None
-        As given by the caller.
-    file_unit : str or None
-        As the file says.
-    t_offset : int or float
-        Added to all time stamps, in the unit of the recording.
-    read_errors : tuple of exceptions
-        What reading damaged content raises.
+    ``columns()`` gives fresh ones: each iteration has its own, so that streams can be read side by side. ``time_unit``
+    is as the caller gives it, ``file_unit`` as the file says; ``t_offset``, in that unit, is added to all time stamps.
+    ``read_errors`` are what reading damaged content raises.
     """
 
     _file = None  # what close() closes
@@ -210,17 +182,14 @@ class ColumnsRecording(Recording):
         self, columns, *, path, format, sensor, name=None, time_unit=None, file_unit=None, t_offset=None,
         read_errors=(),
     ):  # fmt: skip
-        self._open_columns = columns
-        name = name or str(path)
-        self._read_errors = read_errors
-        first = columns()
-        self._layout, self._at = first.layout, range(4)
-        source = "given" if time_unit else "file" if file_unit else "assumed"
-        unit = time_unit or file_unit
+        self._open_columns, self._read_errors = columns, read_errors
+        first, name, unit = columns(), name or str(path), time_unit or file_unit
+        self._at = range(4)
         super().__init__(
             path=path, name=name, format=format, sensor=sensor, num_events=len(first), time_unit=unit,
-            time_unit_source=source,
+            time_unit_source="given" if time_unit else "file" if file_unit else "assumed",
         )  # fmt: skip
+        self._layout = first.layout
         with contextlib.closing(first):
             sample = self._read(first, 0, min(len(first), SAMPLE_EVENTS))
         if first.assumed:
@@ -232,10 +201,6 @@ class ColumnsRecording(Recording):
             self.time_unit = guess_unit(sample[self._at[0]])
         self._offset_us = 0 if t_offset is None else int(to_us(t_offset, self.time_unit, f"{name}: t_offset")[0])
 
-    @property
-    def where(self):
-        return f"{self.name}{self._layout}"
-
     def close(self):
         super().close()
         self._open_columns = None  # a mapped file stays open for as long as there is an array of it
@@ -243,8 +208,7 @@ class ColumnsRecording(Recording):
             self._file.close()
 
     def _read(self, columns, start, stop):
-        if self._closed:
-            raise self._closed_error()
+        self._require_open()
         try:
             found = columns.read(start, stop)
             return [found[k] for k in self._at]
@@ -260,17 +224,7 @@ class ColumnsRecording(Recording):
 
 
 class MemoryRecording(ColumnsRecording):
-    """Events in memory, as a recording.
-
-    Parameters
-    ----------
-    events : Events
-        At least one.
-    width, height : int
-        Size of the sensor, px.
-    name : str
-        For people.
-    """
+    """Events in memory, at least one, as a recording; ``width`` and ``height`` of the sensor are px."""
 
     def __init__(self, events, width, height, name="events in memory"):
         columns = Columns({key: getattr(events, key) for key in NAMES}, name)

@@ -18,21 +18,11 @@ WORD_BYTES = {"2.0": 4, "2.1": 8, "2.1 legacy": 8, "3.0": 2}
 
 
 class EvtDecoder:
-    """Keeps what words mean for those after them.
+    """Keeps what words mean for those after them; ``version`` is a key of :data:`WORD_BYTES`.
 
-    Parameters
-    ----------
-    version : str
-        Key of :data:`WORD_BYTES`.
-    sensor : (int, int), optional
-        Width and height, px: the time of an event outside counts for no other, as in the hardware.
-
-    Members
-    -------
-    rest : bytes
-        Of a word that has not come as a whole.
-    early : int
-        Events that came ahead of the first word of time.
+    ``rest`` has the bytes of a word that has not come as a whole; ``early`` counts events that came ahead of the first
+    word of time. The time of an event outside ``sensor``, (width, height) in px, counts for no other, as in the
+    hardware.
     """
 
     def __init__(self, version, sensor=None):
@@ -146,12 +136,7 @@ class TimeWords:
 
     A word that is further than :data:`_NEAR_US` from the last one is left out where two of the next :data:`_JUDGES`
     go on from the last one, and are nearer to that than to it: no time that rises has such words. What follows it waits
-    for them.
-
-    Members
-    -------
-    wrong : int
-        Words that were left out.
+    for them. ``wrong`` counts words that were left out.
     """
 
     def __init__(self, version):

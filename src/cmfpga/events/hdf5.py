@@ -66,42 +66,34 @@ class Hdf5Recording(ColumnsRecording):
             dsec = offset is not None and "ms_to_idx" in self._file
             layout_sensor = _MVSEC_SENSOR if order else _DSEC_SENSOR if dsec else None
             found = Columns(source, str(path), columns or order)
+            unit = _unit(holders, path) or ("us" if holders[0].name == f"/{_PROPHESEE}" else None)
             super().__init__(
-                lambda: found,
-                path=path,
-                format="HDF5",
-                sensor=sensor or _sensor(holders, path) or layout_sensor,
-                time_unit=time_unit,
-                file_unit=_unit(holders, path) or ("us" if holders[0].name == f"/{_PROPHESEE}" else None),
+                lambda: found, path=path, format="HDF5", sensor=sensor or _sensor(holders, path) or layout_sensor,
+                time_unit=time_unit, file_unit=unit, read_errors=_READ_ERRORS,
                 t_offset=None if offset is None else _single(offset, f"{path}: t_offset"),
-                read_errors=_READ_ERRORS,
-            )
+            )  # fmt: skip
             opened.pop_all()
 
 
-def _find_events(file, path, dataset):
-    """Source and order of the columns for :class:`Columns`, and the objects whose attributes count, nearest first."""
+def _node_of_events(file, path, dataset):
+    """The data set, or the group, that holds the events."""
     if dataset is not None:
-        node = file.get(dataset)
-        if node is None:
+        if (node := file.get(dataset)) is None:
             raise RecordingError(f"{path}: no data set {dataset!r}; it holds {_contents(file)}")
-        return _events_at(node, file, path)
-    for name in (_MVSEC, _PROPHESEE):
+        return node
+    for name in (_MVSEC, _PROPHESEE, "events"):
         if isinstance(file.get(name), h5py.Dataset):
-            return _events_at(file[name], file, path)
-    events = file.get("events")
-    if isinstance(events, h5py.Dataset):
-        return _events_at(events, file, path)
-    groups = [group for group in (events, file) if group is not None]
+            return file[name]
+    groups = [group for group in (file.get("events"), file) if group is not None]
     group = max(groups, key=lambda group: len(match_names(group)))  # the first of equals
     if match_names(group):
-        return _events_at(group, file, path)
+        return group
     elsewhere = []
     file.visititems(lambda _, node: elsewhere.append(node) if _has_columns(node) else None)
     if len(elsewhere) != 1:
         what = f"events in {' and '.join(node.name for node in elsewhere)}" if elsewhere else "no events found"
         raise RecordingError(f"{path}: {what}; it holds {_contents(file)}; --dataset PATH (dataset=) says which it is")
-    return _events_at(elsewhere[0], file, path)
+    return elsewhere[0]
 
 
 def _has_columns(node):
@@ -138,9 +130,8 @@ def _require_events(dataset, path):
     if piece > _MOST_PIECE:
         raise RecordingError(f"{path}: {dataset.name}: pieces of {piece:,} bytes are needed at a time; too large")
     if chunk:
-        short = dataset.id.get_num_chunks() < math.prod(
-            -(-size // step) for size, step in zip(shape, chunk, strict=True)
-        )
+        chunks = math.prod(-(-size // step) for size, step in zip(shape, chunk, strict=True))
+        short = dataset.id.get_num_chunks() < chunks
     else:
         short = stored < math.prod(shape) * dataset.dtype.itemsize
     if short or stored > os.path.getsize(dataset.file.filename):
@@ -167,8 +158,9 @@ def _require_filters(dataset, path):
             raise RecordingError(f"{path}: {dataset.name} needs the HDF5 filter {which}, which is missing: {cure}")
 
 
-def _events_at(node, file, path):
-    """As :func:`_find_events`, of a data set or a group."""
+def _find_events(file, path, dataset):
+    """Source and order of the columns for :class:`Columns`, and the objects whose attributes count, nearest first."""
+    node = _node_of_events(file, path, dataset)
     if isinstance(node, h5py.Dataset):
         _require_events(node, path)
         if not is_compressed(node):
@@ -234,25 +226,14 @@ class Hdf5Writer:
     """Writes a recording piece by piece, in bounded memory; a context manager. An existing file is replaced.
 
     Layout: ``/events/t`` int64 µs, ``/events/x`` and ``/events/y`` uint16, ``/events/p`` uint8, compressed; root
-    attributes ``sensor_width``, ``sensor_height``, ``num_events``, ``t_first_us``, ``t_last_us``.
-
-    Parameters
-    ----------
-    path : str or Path
-    width, height : int
-        Size of the sensor, px.
-
-    Raises
-    ------
-    RecordingError
-        The sensor's size is not allowed, the file cannot be written, or, at the end, there were no events.
+    attributes ``sensor_width`` and ``sensor_height``, px, ``num_events``, ``t_first_us``, ``t_last_us``. Raises
+    :exc:`RecordingError` where the sensor's size is not allowed, the file cannot be written, or there were no events.
     """
 
     def __init__(self, path, width, height):
         self.path = Path(path)
         self._sensor = check_sensor((width, height), path)
-        self._file = None
-        self._first = self._last = None
+        self._file = self._first = self._last = None
         self._count = 0
 
     def __enter__(self):
@@ -265,12 +246,9 @@ class Hdf5Writer:
             if kind is None and self._count:
                 width, height = self._sensor
                 self._file.attrs.update(
-                    sensor_width=width,
-                    sensor_height=height,
-                    num_events=self._count,
-                    t_first_us=self._first,
+                    sensor_width=width, sensor_height=height, num_events=self._count, t_first_us=self._first,
                     t_last_us=self._last,
-                )
+                )  # fmt: skip
             self._file.close()
         if kind is None and not self._count:
             raise RecordingError(f"{self.path}: no events to write")
@@ -318,14 +296,8 @@ class Hdf5Writer:
     def ground_truth(self, times, velocities, start):
         """The true motion, constant piece by piece, as ``/ground_truth/motion/t``, ``velocity`` and ``start``.
 
-        Parameters
-        ----------
-        times : [N]
-            Begin of each piece, µs.
-        velocities : [N, 2]
-            (vx, vy) of each piece, px/s.
-        start : [2]
-            Position of the object's centre at the first of the times, px.
+        ``times`` [N], µs, begin each piece, of ``velocities`` [N, 2], px/s; at the first of them the object's centre is
+        at ``start`` [2], px.
         """
         with self._errors():
             group = self._file.create_group("ground_truth/motion")
@@ -334,22 +306,9 @@ class Hdf5Writer:
 
 
 def write_hdf5(path, events, width, height, **attrs):
-    """Writes a recording that :func:`open_recording` reads back unchanged; see :class:`Hdf5Writer`.
+    """Writes :class:`Events`, at least one, as a recording that :func:`open_recording` reads back unchanged.
 
-    Parameters
-    ----------
-    path : str or Path
-    events : Events
-        At least one.
-    width, height : int
-        Size of the sensor, px.
-    **attrs
-        Further root attributes: strings, numbers, arrays of numbers.
-
-    Raises
-    ------
-    RecordingError
-        There are no events, the sensor's size is not allowed, or the file cannot be written.
+    See :class:`Hdf5Writer`; ``attrs`` are further root attributes: strings, numbers, arrays of numbers.
     """
     if not len(events):
         raise RecordingError(f"{path}: no events to write")

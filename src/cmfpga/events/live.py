@@ -49,12 +49,7 @@ def is_live(path):
 class Feed:
     """Takes events piece by piece, and gives them to one track: an :class:`~.arrays.EventSource`.
 
-    Parameters
-    ----------
-    sensor : (int, int) or None
-        Width and height of the sensor, px, where they are known.
-    name : str
-        For people.
+    ``sensor`` is (width, height), px, or None where it is not known; ``name`` is for people.
     """
 
     seekable = False
@@ -90,6 +85,9 @@ class Feed:
 class LiveSource(Feed):
     """A stream of events, tracked as it comes; a context manager.
 
+    Raises :exc:`RecordingError`, in one line, where it cannot be opened, or does not begin as a stream of EVT 2.0, 2.1
+    or 3.0; :exc:`MissingPackage` where a camera's driver is not installed.
+
     Parameters
     ----------
     path : str
@@ -109,19 +107,11 @@ class LiveSource(Feed):
         Events that came, how many of them were dropped, and how many lie outside the sensor and were left out.
     held_s : float
         Time that reading was held up by a full buffer, s.
-    came : float or None
-        When the first events came, by ``time.monotonic()``.
-    answer_by : float or None
-        From then on, by ``time.monotonic()``, :meth:`chunks` gives None where nothing waits. None: never.
+    came, answer_by : float or None
+        When the first events came; and from when on :meth:`chunks` gives None where nothing waits, None: never. Both by
+        ``time.monotonic()``.
     stopped : bool
         Whether :meth:`stop` was called.
-
-    Raises
-    ------
-    RecordingError
-        It cannot be opened, or does not begin as a stream of EVT 2.0, 2.1 or 3.0; one line.
-    MissingPackage
-        A camera's driver is not installed.
     """
 
     def __init__(self, path, *, sensor=None, form=None, drop=False, quiet=None, buffer_events=BUFFER_EVENTS):
@@ -187,15 +177,12 @@ class LiveSource(Feed):
     def _header(self, name):
         """``(fields, bytes behind them)``; the fields are empty where there is no header."""
         data = b""
-        while True:
+        while more := self._read():
+            data += more
             fields, begin = prophesee_header(data)
             rest = data[begin:]
-            if data and ("end" in fields or (rest and not rest.startswith(b"%")) or len(data) > HEADER_BYTES):
+            if "end" in fields or (rest and not rest.startswith(b"%")) or len(data) > HEADER_BYTES:
                 break
-            more = self._read()
-            if not more:
-                break
-            data += more
         if not data:
             raise RecordingError(f"{name}: it ended before anything came")
         return fields, rest
@@ -219,9 +206,8 @@ class LiveSource(Feed):
                     f"word came; the {self.received} events before were read"
                 )
         except OSError as error:
-            self._error = RecordingError(
-                f"{self.name}: broke off after {self.received} events: {error.strerror or error}"
-            )
+            why = error.strerror or error
+            self._error = RecordingError(f"{self.name}: broke off after {self.received} events: {why}")
         except RecordingError as error:
             self._error = error
         with self._changed:
@@ -254,11 +240,10 @@ class LiveSource(Feed):
         for events in super().chunks():
             if self.stopped:
                 return
-            with self._changed:
-                if events is None:
-                    left = None if self.answer_by is None else max(0, self.answer_by - time.monotonic())
-                    here = self._changed.wait_for(lambda: self._pieces or self._ended or self.stopped, left)
             if events is None:
+                left = None if self.answer_by is None else max(0, self.answer_by - time.monotonic())
+                with self._changed:
+                    here = self._changed.wait_for(lambda: self._pieces or self._ended or self.stopped, left)
                 if not here:
                     yield None
                 continue
@@ -299,12 +284,14 @@ class LiveSource(Feed):
         Of a camera ``driver_backlog`` and ``driver_dropped`` are packets, as :class:`.usb.Camera` has them with
         ``reconnected``.
         """
-        held, early = round(self.held_s, 3), self._decoder.early
-        counts = {"received": self.received, "lost": self.lost, "out_of_sensor": self.outside}
-        counts |= {"held_up_s": held, "before_time": early, "wrong_times": self._times.wrong if self._times else 0}
-        if self._camera:
-            counts |= {"driver_backlog": self._camera.backlog, "driver_dropped": self._camera.dropped}
-            counts |= {"reconnected": self._camera.reconnected}
+        counts = {
+            "received": self.received, "lost": self.lost, "out_of_sensor": self.outside,
+            "held_up_s": round(self.held_s, 3), "before_time": self._decoder.early,
+            "wrong_times": self._times.wrong if self._times else 0,
+        }  # fmt: skip
+        if camera := self._camera:
+            counts |= {"driver_backlog": camera.backlog, "driver_dropped": camera.dropped}
+            counts["reconnected"] = camera.reconnected
         return counts
 
     def stop(self):

@@ -73,13 +73,8 @@ def turned(omega, rays):
 class Turning:
     """Where the edge points of a :class:`~cmfpga.events.synthetic.Scene` are, px of the undistorted image.
 
-    Parameters
-    ----------
-    scene : Scene
-    points, gradients : float64 [n, 2]
-        As of :mod:`cmfpga.events.synthetic`, px from the object's centre.
-    motion : Motion
-        Of that centre.
+    ``points``, px from the object's centre, and ``gradients`` are those of :mod:`cmfpga.events.synthetic`, float64
+    [n, 2]; ``motion`` is that of the centre.
     """
 
     def __init__(self, scene, points, gradients, motion):

@@ -27,6 +27,7 @@ _NPY_ERRORS = (OSError, EOFError, ValueError, SyntaxError, TypeError, OverflowEr
 #: What reading a damaged archive raises.
 NPZ_ERRORS = (*_NPY_ERRORS, LookupError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError)
 _SKIP_BYTES = 1 << 20
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
 def open_npy(path, *, time_unit=None, sensor=None, columns=None):
@@ -68,24 +69,22 @@ class NpzRecording(ColumnsRecording):
             )  # fmt: skip
             opened.pop_all()
 
-    def _find(self):
-        """Readers of the four members, as a dict, or of the one that holds all."""
-        path = self._file.filename
-        members = {name.removesuffix(".npy"): name for name in self._file.namelist() if name.endswith(".npy")}
-        if not match_names(members) and ("events" in members or len(members) == 1):
-            return Member(self._file, members.get("events") or next(iter(members.values())))
-        names = require_names(members, path)
-        return {column: Member(self._file, members[name]) for column, name in names.items()}
-
     def _open(self):
-        source = self._find()
-        members = source.values() if isinstance(source, dict) else (source,)
+        path = self._file.filename
+        files = {name.removesuffix(".npy"): name for name in self._file.namelist() if name.endswith(".npy")}
+        if not match_names(files) and ("events" in files or len(files) == 1):
+            source = Member(self._file, files.get("events") or next(iter(files.values())))
+            members = [source]
+        else:
+            names = require_names(files, path)
+            source = {column: Member(self._file, files[name]) for column, name in names.items()}
+            members = source.values()
 
         def close():  # the archive's file is only released when all its streams are
             for member in members:
                 member.close()
 
-        return Columns(source, self._file.filename, self._order, close)
+        return Columns(source, path, self._order, close)
 
 
 class Member:
@@ -99,13 +98,9 @@ class Member:
         self._name = name
         with archive.open(name) as stream:
             version = np.lib.format.read_magic(stream)
-            if version == (1, 0):
-                header = np.lib.format.read_array_header_1_0(stream)
-            elif version == (2, 0):
-                header = np.lib.format.read_array_header_2_0(stream)
-            else:
+            if version not in _HEADERS:
                 raise ValueError(f"{name} has version {version} of the .npy format; 1.0 or 2.0 is needed")
-            self.shape, fortran, self.dtype = header
+            self.shape, fortran, self.dtype = _HEADERS[version](stream)
             self._data = stream.tell()
         if self.dtype.hasobject:
             raise ValueError(f"{name} holds Python objects")
@@ -138,9 +133,8 @@ class Member:
             if stream is not None:
                 stream.close()
             stream = self._streams[k] = self._archive.open(self._name)
-        while stream.tell() < begin:  # not seek(), which may hold all that it skips
-            if not stream.read(min(_SKIP_BYTES, begin - stream.tell())):
-                raise EOFError(f"{self._name} ends early")
+        while stream.tell() < begin and stream.read(min(_SKIP_BYTES, begin - stream.tell())):
+            pass  # not seek(), which may hold all that it skips
         size = (stop - start) * self._row_bytes
         content = stream.read(size)
         if len(content) < size:

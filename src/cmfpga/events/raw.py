@@ -15,8 +15,7 @@ import re
 from ..errors import RecordingError
 from .evt import EvtDecoder
 from .recording import Format
-from .streamed import StreamedRecording
-from .units import to_us
+from .streamed import StreamedRecording, Truncated
 
 #: Versions of words without a header, by what ``--format`` calls them.
 FORMS = {"evt2": "2.0", "evt21": "2.1", "evt21-legacy": "2.1 legacy", "evt3": "3.0"}
@@ -33,6 +32,7 @@ _SENSORS = (
 )  # fmt: skip
 _SENSOR_KEYS = ("sensor_name", "sensor_generation", "generation", "plugin_name", "camera_integrator_name")
 _MAX_HEADER_LINES = 200
+_BEGINS = (b"% ", b"%\n")
 # Decoded at a time: 32,768 words of EVT 3.0, of up to 12 events each, or 8,192 of EVT 2.1, of up to 32.
 _PIECE_BYTES = 1 << 16
 
@@ -53,23 +53,10 @@ def prophesee_header(head):
 
 
 def evt_version(fields, form, where, begin=b""):
-    """The version of the words, a key of :data:`~.evt.WORD_BYTES`.
+    """The version of the words, a key of :data:`~.evt.WORD_BYTES`, by a header's ``fields``.
 
-    Parameters
-    ----------
-    fields : dict
-        Of the header; none where there is none.
-    form : str or None
-        Key of :data:`FORMS`; counts where there is no header.
-    where : str
-        Start of messages.
-    begin : bytes
-        What comes first, for messages.
-
-    Raises
-    ------
-    RecordingError
-        Neither says the version, or it is another one.
+    ``form``, a key of :data:`FORMS` or None, counts where there is no header. Where neither says the version, or it is
+    another one, :exc:`RecordingError` starts with ``where``, and shows the ``begin`` of the file.
     """
     name, *options = fields.get("format", "").split(";")
     version = _VERSIONS.get(name.upper()) or _VERSIONS.get(fields.get("evt", ""))
@@ -116,35 +103,26 @@ class RawRecording(StreamedRecording):
         super().__init__(path, name, sensor=sensor or raw_sensor(fields), time_unit=time_unit)
         self._require_events()
 
-    def _pieces(self):
-        decoder, count = EvtDecoder(self._version), 0
+    def _stored(self):
+        decoder = EvtDecoder(self._version)
         with self.path.open("rb") as file:
             file.seek(self._begin)
             while content := file.read(_PIECE_BYTES):
-                t, *others = decoder(content)
+                columns = decoder(content)
                 self._early = decoder.early
-                if len(t):
-                    yield to_us(t, self.time_unit, self.name, count), *others
-                    count += len(t)
+                yield columns
         if decoder.rest:
-            rest = f"{len(decoder.rest)} of {decoder.word_bytes} bytes of the last word are there"
-            raise RecordingError(f"{self.name}: truncated: {rest}; the {count} events before were read")
-
-
-def is_prophesee(head):
-    """Whether a file begins as Prophesee's do."""
-    return head.startswith((b"% ", b"%\n"))
+            raise Truncated(f"{len(decoder.rest)} of {decoder.word_bytes} bytes of the last word are there")
 
 
 def is_dat(head, path):
     """Whether it is a Prophesee DAT file."""
-    if not is_prophesee(head):
-        return False
     fields, _ = prophesee_header(head)
-    return "evt" not in fields and "format" not in fields and ("version" in fields or "data" in fields)
+    named = "evt" not in fields and "format" not in fields and ("version" in fields or "data" in fields)
+    return head.startswith(_BEGINS) and named
 
 
 FORMAT = Format(
-    "Prophesee RAW", (".raw",), lambda head, path: is_prophesee(head) and not is_dat(head, path), RawRecording,
+    "Prophesee RAW", (".raw",), lambda head, path: head.startswith(_BEGINS) and not is_dat(head, path), RawRecording,
     forms=(*FORMS,),
 )  # fmt: skip

@@ -29,48 +29,34 @@ class Recording(abc.ABC):
     -------
     path : Path or None
         The file; None for events in memory.
-    name : str
-        For people: the path, or the name that was given.
-    format : str
-        Name of the format, such as ``"HDF5"``.
+    name, format : str
+        For people: the path, or the name that was given; and such as ``"HDF5"``.
     width, height : int or None
         Size of the sensor, px; None where neither the file nor the caller says it.
     num_events : int or None
-        Number of events; None where only reading all of them would tell (text).
-    time_unit : str
-        Unit of the stored time stamps: ``"s"``, ``"ms"``, ``"us"`` or ``"ns"``. Events always come in µs.
-    time_unit_source : str
-        ``"given"``, ``"file"`` (an attribute, or a format that defines it) or ``"assumed"`` (see ``events.units``).
-    seekable : bool
-        True: a recording is an :class:`~cmfpga.events.arrays.EventSource` that can be read again.
+        None where only reading all of them would tell (text).
+    time_unit, time_unit_source : str
+        Unit of the stored time stamps, ``"s"``, ``"ms"``, ``"us"`` or ``"ns"``; events always come in µs. It is
+        ``"given"``, of the ``"file"`` (an attribute, or a format that defines it), or ``"assumed"`` (``events.units``).
     """
 
+    #: A recording is an :class:`~cmfpga.events.arrays.EventSource` that can be read again.
     seekable = True
 
     def __init__(self, *, path, name, format, sensor, num_events, time_unit, time_unit_source):
-        self.path = path
-        self.name = name
-        self.format = format
+        self.path, self.name, self.format = path, name, format
         self.width, self.height = sensor or (None, None)
-        self.num_events = num_events
-        self.time_unit = time_unit
-        self.time_unit_source = time_unit_source
-        self._closed = False
-        self._order_notes, self._highest_off = [], 0
+        self.num_events, self.time_unit, self.time_unit_source = num_events, time_unit, time_unit_source
+        self._closed, self._layout, self._order_notes, self._highest_off = False, "", [], 0
 
     def chunks(self, start=0, size=CHUNK_EVENTS):
         """Iterator of :class:`Events` from event ``start`` (from 0) to the end, each of ``size``, the last of the rest.
 
-        Memory is bounded by ``size``. Several iterators may be in use at once.
-
-        Raises
-        ------
-        RecordingError
-            At once, or while iterating: ``start`` is not an event of the recording, or an event cannot be used (see
-            :class:`EventChecker`). Events before ``start`` are not checked, apart from the syntax of text.
+        Memory is bounded by ``size``. Several iterators may be in use at once. Raises :exc:`RecordingError`, at once or
+        while iterating, where ``start`` is not an event of the recording, or an event cannot be used (see
+        :class:`EventChecker`). Events before ``start`` are not checked, apart from the syntax of text.
         """
-        if self._closed:
-            raise self._closed_error()
+        self._require_open()
         start, size = operator.index(start), operator.index(size)
         if size < 1:
             raise RecordingError(f"{self.name}: chunks of {size} events; 1 or more is needed")
@@ -87,8 +73,9 @@ class Recording(abc.ABC):
         allowed = "0 or more" if num_events is None else f"0 to {num_events - 1}"
         return RecordingError(f"{self.name}: first event {start}; {allowed} is allowed")
 
-    def _closed_error(self):
-        return RecordingError(f"{self.name}: the recording is closed")
+    def _require_open(self):
+        if self._closed:
+            raise RecordingError(f"{self.name}: the recording is closed")
 
     def extent(self):
         """``(number of events, time of the last one in µs)`` where that is known soon; otherwise None.
@@ -102,29 +89,24 @@ class Recording(abc.ABC):
 
     def notes(self):
         """What is odd about the first events, for people; empty for most recordings."""
-        return [f"{self.name}: {note}" for note in (*self._order_notes, *self._odd_polarities(), *self._odd_times())]
+        return [f"{self.name}: {note}" for note in (*self._order_notes, *self._odd_polarities_and_times())]
 
-    def _odd_polarities(self):
+    def _odd_polarities_and_times(self):
         with contextlib.suppress(RecordingError):  # told where the events are used
-            return polarity_notes(next(self._columns(0, SAMPLE_EVENTS))[3])
-        return []
-
-    def _odd_times(self):
-        with contextlib.suppress(RecordingError):  # told where the events are used
+            yield from polarity_notes(next(self._columns(0, SAMPLE_EVENTS))[3])
             t = next(self.chunks(0, SAMPLE_EVENTS)).t
             times, counts = np.unique(t, return_counts=True)
             most = int(counts.argmax())
             if len(t) >= _MIN_SAMPLE and counts[most] > _ONE_TIME * len(t):
-                return [
+                yield (
                     f"{counts[most] / len(t):.0%} of the first {len(t):,} events share the time "
                     f"{times[most]} µs, so no motion can be seen in them: is the unit of time too coarse?"
-                ]
-        return []
+                )
 
     @property
     def where(self):
-        """Start of messages about events."""
-        return self.name
+        """Start of messages about events: the name, and what the columns are if that needs to be said."""
+        return self.name + self._layout
 
     @abc.abstractmethod
     def _columns(self, start, size):
@@ -145,21 +127,12 @@ class Recording(abc.ABC):
 class Format:
     """A format of recordings.
 
-    Parameters
-    ----------
-    name : str
-        For people, such as ``"HDF5"``.
-    extensions : tuple of str
-        Usual file extensions, lower case, with the dot. Only used where the content does not decide.
-    matches : callable
-        ``matches(head, path)``: whether the file is of this format, from its first ``HEAD_BYTES`` bytes; none of a
-        folder.
-    open : callable
-        ``open(path, time_unit=, sensor=)``: the :class:`Recording`; both arguments are checked, or None.
-    options : tuple of str
-        Which of ``columns=`` and ``dataset=`` it takes beside them; each comes checked, and only where it is given.
-    forms : tuple of str
-        What ``form=`` (``--format``) calls it, where neither content nor extension need to tell. It is opened with it.
+    ``extensions`` are those of files, lower case, with the dot; they only count where the content does not decide.
+    ``matches(head, path)`` says whether a file is of this format, by its first ``HEAD_BYTES`` bytes, none of a folder.
+    ``open(path, time_unit=, sensor=)`` gives the :class:`Recording`; both arguments are checked, or None. ``options``
+    are those of ``columns=`` and ``dataset=`` that it takes, too; each comes checked, and only where it is given.
+    ``forms`` are what ``form=`` (``--format``) calls it where neither content nor extension need to tell; ``open`` then
+    takes it.
     """
 
     name: str
@@ -217,10 +190,8 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
         t, x, y and p; or an argument is not allowed. One line.
     """
     path = Path(path)
-    if time_unit is not None:
-        time_unit = parse_unit(time_unit, path)
-    if sensor is not None:
-        sensor = check_sensor(sensor, path)
+    time_unit = None if time_unit is None else parse_unit(time_unit, path)
+    sensor = None if sensor is None else check_sensor(sensor, path)
     given = {"dataset": dataset, "columns": None if columns is None else check_columns(columns, path)}
     given = {name: value for name, value in given.items() if value is not None}
     head = _read_head(path)
@@ -239,13 +210,12 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
             f"{path}: a directory; a file is needed, a bag of ROS 2, or a folder of t.npy, xy.npy and p.npy"
         )
     known = "; ".join(f"{fmt.name} ({', '.join(fmt.extensions)})" for fmt in _FORMATS)
-    for fmt in _FORMATS:
-        if path.suffix.lower() in fmt.extensions:
-            raise RecordingError(
-                f"{path}: named like {fmt.name}, but does not begin like it: "
-                + (f"--format {', '.join(fmt.forms)} reads it without a header; " if fmt.forms else "")
-                + f"or it is damaged, or of another format than {known}"
-            )
+    if named := next((fmt for fmt in _FORMATS if path.suffix.lower() in fmt.extensions), None):
+        cure = f"--format {', '.join(named.forms)} reads it without a header; " if named.forms else ""
+        raise RecordingError(
+            f"{path}: named like {named.name}, but does not begin like it: {cure}or it is damaged, or of another "
+            f"format than {known}"
+        )
     raise RecordingError(
         f"{path}: format not known; one of {known} is needed, or --format {', '.join(forms())} for what has no header"
     )

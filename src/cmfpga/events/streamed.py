@@ -13,6 +13,10 @@ from .units import to_us
 RECORDS = 1 << 16
 
 
+class Truncated(Exception):
+    """A file ends too early; the message says what there is of its last part."""
+
+
 class StreamedRecording(Recording):
     """A recording whose columns come in pieces; how many events there are is only known at the end.
 
@@ -36,8 +40,7 @@ class StreamedRecording(Recording):
         if not self.fast:
             return None
         count, last = 0, 0
-        pieces = self._pieces()
-        with contextlib.closing(pieces), contextlib.suppress(RecordingError):
+        with contextlib.closing(self._pieces()) as pieces, contextlib.suppress(RecordingError):
             for t, *_ in pieces:
                 count, last = count + len(t), int(t[-1])
         return count, last
@@ -46,40 +49,42 @@ class StreamedRecording(Recording):
         early = [f"{self.name}: {self._early:,} events ahead of the first time word have no time: they are left out"]
         return [*super().notes(), *early * bool(self._early)]
 
-    @abc.abstractmethod
+    def _stored(self):
+        """Yields ``(t, x, y, p)``, t int64 in the recording's unit, others as stored. Raises :exc:`Truncated`."""
+        raise NotImplementedError
+
     def _pieces(self):
         """Yields ``(t, x, y, p)`` of one or more events: t int64 in µs, others as stored."""
+        count = 0
+        try:
+            for t, *others in self._stored():
+                if len(t):
+                    yield to_us(t, self.time_unit, self.name, count), *others
+                    count += len(t)
+        except Truncated as error:
+            raise RecordingError(f"{self.name}: truncated: {error}; the {count} events before were read") from None
 
     def _columns(self, start, size):
-        kept, count, total = [], 0, 0
-        pieces = self._pieces()
-        try:
-            while True:
-                broken = None
-                try:
-                    columns = next(pieces, None)
-                except RecordingError as error:
-                    columns, broken = None, error
-                if columns is None:
-                    break
-                length = len(columns[0])
-                skip = min(max(start - total, 0), length)
-                total += length
-                if skip == length:
-                    continue
-                kept.append([column[skip:] for column in columns])
-                count += length - skip
-                if count < size:
-                    continue
-                joined = _join(kept)
-                # As many chunks as there are, then keep the rest: each event is copied once.
-                for at in range(0, count - size + 1, size):
-                    yield [column[at : at + size] for column in joined]
-                rest = count % size
-                kept = [[column[count - rest :] for column in joined]] if rest else []
-                count = rest
-        finally:
-            pieces.close()
+        kept, count, total, broken = [], 0, 0, None
+        with contextlib.closing(self._pieces()) as pieces:
+            try:
+                for columns in pieces:
+                    length = len(columns[0])
+                    skip = min(max(start - total, 0), length)
+                    total, count = total + length, count + length - skip
+                    if skip < length:
+                        kept.append([column[skip:] for column in columns])
+                    if count < size:
+                        continue
+                    joined = _join(kept)
+                    # As many chunks as there are, then keep the rest: each event is copied once.
+                    for at in range(0, count - size + 1, size):
+                        yield [column[at : at + size] for column in joined]
+                    rest = count % size
+                    kept = [[column[count - rest :] for column in joined]] if rest else []
+                    count = rest
+            except RecordingError as error:
+                broken = error
         if broken is None and total <= start:
             raise self._start_error(start, total)
         if count:
@@ -89,12 +94,9 @@ class StreamedRecording(Recording):
 
     def _require_events(self):
         """Raises :exc:`RecordingError` if there are none, or if not even the first can be read."""
-        pieces = self._pieces()
-        try:
+        with contextlib.closing(self._pieces()) as pieces:
             if next(pieces, None) is None:
                 raise RecordingError(f"{self.name}: no events")
-        finally:
-            pieces.close()
 
 
 class RecordsRecording(StreamedRecording):
@@ -112,8 +114,8 @@ class RecordsRecording(StreamedRecording):
     def _decode(self, content):
         """``(t, x, y, p)`` of whole records, int64; t as it stands there."""
 
-    def _pieces(self):
-        wraps, last, count = 0, 0, 0
+    def _stored(self):
+        wraps, last = 0, 0
         with self.path.open("rb") as file:
             file.seek(self._begin)
             while content := file.read(RECORDS * self.record_bytes):
@@ -123,15 +125,10 @@ class RecordsRecording(StreamedRecording):
                     # Half the range back is a wrap; less is a step back, which the checks report.
                     back = np.diff(t, prepend=last) < -(1 << self.time_bits - 1)
                     last = int(t[-1])
-                    t = t + (wraps + np.cumsum(back) << self.time_bits)
+                    yield t + (wraps + np.cumsum(back) << self.time_bits), *others
                     wraps += int(back.sum())
-                    yield to_us(t, self.time_unit, self.name, count), *others
-                    count += len(t)
                 if rest:
-                    raise RecordingError(
-                        f"{self.name}: truncated: {rest} of {self.record_bytes} bytes of the last record are there; "
-                        f"the {count} events before were read"
-                    )
+                    raise Truncated(f"{rest} of {self.record_bytes} bytes of the last record are there")
 
 
 def _join(parts):

@@ -52,20 +52,16 @@ class Scene:
     velocity : (float, float), or sequence of (int, float, float), optional
         (vx, vy) in px/s; or, piece by piece, (duration in µs, vx, vy), the last piece lasting to the end.
         By default (100, 0); with a rotation (0, 0).
-    duration_us : int
-        Length of the recording, µs.
-    t_start_us : int
-        Time of the start, µs.
+    duration_us, t_start_us : int
+        Length of the recording, and time of its start, µs.
     contrast : float
         Events of an edge point per pixel that the edge is moved across: the gradient of ``lines``, and the mean
         magnitude of the gradient of ``dense``.
     noise : float
         Background noise, uniform over pixels and time, as a fraction of all events but those of hot pixels; 0 to 0.95.
         (Of an object that emits nothing, nothing.)
-    hot_pixels : int
-        Pixels that emit by themselves.
-    hot_rate : float
-        Rate of each of them, events/s.
+    hot_pixels, hot_rate : int, float
+        Pixels that emit by themselves, and the rate of each of them, events/s.
     camera : cmfpga.imaging.camera.Camera, optional
         What distorts the image: position, size and velocity are in the undistorted one, events where it sees them.
     bars : int, optional
@@ -97,20 +93,17 @@ class Scene:
     rotation: tuple | None = None
 
     def __post_init__(self):
-        for name, low, high in (
-            ("seed", 0, None), ("width", 1, 1 << 16), ("height", 1, 1 << 16), ("duration_us", 1, None),
-            ("t_start_us", None, None), ("hot_pixels", 0, self.width * self.height),
+        for name, low, high, *kind in (
+            ("seed", 0, None, "whole"), ("width", 1, 1 << 16, "whole"), ("height", 1, 1 << 16, "whole"),
+            ("duration_us", 1, None, "whole"), ("t_start_us", None, None, "whole"),
+            ("hot_pixels", 0, self.width * self.height, "whole"), ("bars", 1, None, "whole"),
+            ("contrast", 0, None), ("noise", 0, 0.95), ("hot_rate", 0, None), ("zoom", -100, 100), ("roll", -100, 100),
         ):  # fmt: skip
-            _check(name, getattr(self, name), low, high, whole=True)
-        for name, low, high in (("contrast", 0, None), ("noise", 0, 0.95), ("hot_rate", 0, None)):
-            _check(name, getattr(self, name), low, high)
+            if (value := getattr(self, name)) is not None or name != "bars":
+                _check(name, value, low, high, whole=bool(kind))
         if self.texture not in TEXTURES:
             raise ConfigError(f"texture = {self.texture!r}: one of {', '.join(TEXTURES)} is needed")
         _check_many("size", self.size, 2, 1, 1 << 16, whole=True)
-        if self.bars is not None:
-            _check("bars", self.bars, 1, None, whole=True)
-        for name in ("zoom", "roll"):
-            _check(name, getattr(self, name), -100, 100)
         if self.rotation is not None:
             _check_many("rotation", self.rotation, 3, -100, 100)
             if self.camera is None:
@@ -124,10 +117,8 @@ class Scene:
         """Velocity as a list of (duration in µs, vx, vy)."""
         usual = (100.0, 0.0) if self.rotation is None else (0.0, 0.0)
         velocity = usual if self.velocity is None else self.velocity
-        if len(velocity) == 2 and not np.ndim(velocity[0]):
-            pieces = [(self.duration_us, *velocity)]
-        else:
-            pieces = list(velocity)
+        constant = len(velocity) == 2 and not np.ndim(velocity[0])
+        pieces = [(self.duration_us, *velocity)] if constant else list(velocity)
         if not pieces:
             raise ConfigError("velocity: no pieces; (vx, vy) or a sequence of (duration_us, vx, vy) is needed")
         for piece in pieces:
@@ -147,14 +138,8 @@ class Scene:
 class Synthetic:
     """A synthetic recording and its truth.
 
-    Parameters
-    ----------
-    scene : Scene
-    events : Events
-    motion : Motion
-        Position of the object's centre (px) and velocity (px/s) over time (µs).
-    from_object : bool array
-        Which events the object emitted; the others are noise and hot pixels.
+    ``motion`` has the position of the object's centre (px) and velocity (px/s) over time (µs); ``from_object``, a bool
+    array, which events the object emitted: the others are noise and hot pixels.
     """
 
     scene: Scene
@@ -183,10 +168,7 @@ class Synthetic:
 def generate(scene=None, /, **fields):
     """The :class:`Synthetic` recording of a :class:`Scene`, or of ``Scene(**fields)``.
 
-    Raises
-    ------
-    ConfigError
-        A field is not allowed, or the scene has more than ``MAX_EVENTS`` events.
+    Raises :exc:`ConfigError` where a field is not allowed, or the scene has more than ``MAX_EVENTS`` events.
     """
     if scene is None:
         scene = Scene(**fields)
@@ -198,11 +180,8 @@ def generate(scene=None, /, **fields):
     t, x, y, p = _emit(scene, points, gradients * scene.contrast, motion, rng)
 
     noise = rng.poisson(len(t) * scene.noise / (1 - scene.noise))
-    background = (
-        _times(scene, noise, rng),
-        rng.integers(scene.width, size=noise),
-        rng.integers(scene.height, size=noise),
-    )
+    places = (rng.integers(side, size=noise) for side in (scene.width, scene.height))
+    background = (_times(scene, noise, rng), *places)
     pixels = rng.choice(scene.width * scene.height, scene.hot_pixels, replace=False)
     expected = scene.hot_rate * scene.duration_us * 1e-6
     _check_count(len(t) + noise + scene.hot_pixels * expected)

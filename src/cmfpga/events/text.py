@@ -51,15 +51,14 @@ class TextRecording(StreamedRecording):
         name = str(path) if member is None else f"{path}/{member}"
         super().__init__(path, kind, sensor=sensor, time_unit=time_unit, name=name)
         self._skip_lines, named, header_sensor, header_unit = self._read_header(columns)
-        self._layout, self._where = named or PLAIN, name
+        self._fields = named or PLAIN
         self._cure = "" if named else "; --columns (columns=) says which is which"
         table = self._first_fields(_FRACTION_LINES)
         if not named and len(table):
             order = guess_order(table)
-            self._layout = Layout(*map(order.index, "txyp"))
-            layout, self._order_notes = order_notes(order, True)
-            self._where += layout
-        self._highest_off = highest_off(table[:, self._layout.p]) if len(table) else 0
+            self._fields = Layout(*map(order.index, "txyp"))
+            self._layout, self._order_notes = order_notes(order, True)
+        self._highest_off = highest_off(table[:, self._fields.p]) if len(table) else 0
         if sensor is None and header_sensor is not None:
             self.width, self.height = header_sensor
         if time_unit is None and header_unit is not None:
@@ -91,32 +90,26 @@ class TextRecording(StreamedRecording):
                 skip = number
         return skip, told or layout, sensor, unit
 
-    @property
-    def where(self):
-        return self._where
-
     def _guess_unit(self):
         with contextlib.closing(self._lines()) as lines:
             for number, line in islice(lines, self._skip_lines, self._skip_lines + _FRACTION_LINES):
-                self._parse_line(number, line, 0)  # the first odd line is reported whatever the unit is
+                self._parse_line(number, line)  # the first odd line is reported whatever the unit is
                 fields = split_line(line)
-                if fields and float(fields[self._layout.t]) % 1:
-                    return guess_unit(self._first_fields(SAMPLE_EVENTS)[:, self._layout.t])
-        with contextlib.closing(self._pieces(power=0)) as blocks:
-            parts = []
-            for columns in blocks:
+                if fields and float(fields[self._fields.t]) % 1:
+                    return guess_unit(self._first_fields(SAMPLE_EVENTS)[:, self._fields.t])
+        parts = []
+        with contextlib.closing(self._pieces()) as pieces:  # as they stand there, for the unit is µs until now
+            while sum(map(len, parts)) < SAMPLE_EVENTS and (columns := next(pieces, None)):
                 parts.append(columns[0])
-                if sum(map(len, parts)) >= SAMPLE_EVENTS:
-                    break
         return guess_unit(np.concatenate(parts)) if parts else "us"
 
     def _first_fields(self, count):
         """Fields of the first ``count`` lines as they stand there, float64; NaN for what is no number."""
         with contextlib.closing(self._lines()) as lines:
             rows = (split_line(line) for _, line in islice(lines, self._skip_lines, self._skip_lines + count))
-            fields = (field for row in rows if len(row) == self._layout.fields for field in row)
+            fields = (field for row in rows if len(row) == self._fields.fields for field in row)
             values = np.fromiter((float(field) if _is_number(field) else np.nan for field in fields), float)
-        return values.reshape(-1, self._layout.fields)
+        return values.reshape(-1, self._fields.fields)
 
     # ---------------------------------------------------------------- blocks, lines, columns
 
@@ -132,14 +125,12 @@ class TextRecording(StreamedRecording):
                     stack.enter_context(file)
                 rest = file.read(len(codecs.BOM_UTF8)).removeprefix(codecs.BOM_UTF8)
                 while content := file.read(_BLOCK_BYTES):
-                    end = content.rfind(b"\n") + 1
+                    before, end, after = content.rpartition(b"\n")
                     if end:
-                        block = rest + content[:end]
+                        block = rest + before + end
                         yield number, block
-                        number += block.count(b"\n")
-                        rest = content[end:]
-                    else:
-                        rest += content
+                        number, rest = number + block.count(b"\n"), b""
+                    rest += after
                     if len(rest) > _MAX_LINE_BYTES:
                         raise RecordingError(
                             f"{self.name}, line {number}: more than {_MAX_LINE_BYTES} bytes; '{PLAIN.text}' is needed"
@@ -153,23 +144,22 @@ class TextRecording(StreamedRecording):
         for first, block in self._blocks():
             yield from enumerate(block.split(b"\n")[: block.count(b"\n") + (not block.endswith(b"\n"))], first)
 
-    def _parse_line(self, number, line, power):
+    def _parse_line(self, number, line):
         try:
-            return parse_line(line, power, self._layout)
+            return parse_line(line, POWER[self.time_unit], self._fields)
         except LineError as error:
             raise RecordingError(f"{self.name}, line {number}: {error}{self._cure}") from None
 
-    def _pieces(self, power=None):
-        """Yields columns (t, x, y, p), int64, of one block each; t in µs, or times ``10**power``."""
-        power = POWER[self.time_unit] if power is None else power
+    def _pieces(self):
+        """Yields columns (t, x, y, p), int64, of one block each; t in µs."""
         for first, block in self._blocks():
             if first <= self._skip_lines:  # in the first block, unless there are very many comments
                 lines = block.split(b"\n")
                 skip = min(self._skip_lines + 1 - first, len(lines))
                 first, block = first + skip, b"\n".join(lines[skip:])
-            columns = parse_fast(block, power, self._layout)
+            columns = parse_fast(block, POWER[self.time_unit], self._fields)
             if columns is None:
-                rows = (self._parse_line(number, line, power) for number, line in enumerate(block.split(b"\n"), first))
+                rows = (self._parse_line(number, line) for number, line in enumerate(block.split(b"\n"), first))
                 rows = np.array([row for row in rows if row is not None], np.int64).reshape(-1, 4)
                 columns = list(rows.T)
             if len(columns[0]):
@@ -184,8 +174,6 @@ def _is_number(field):
 
 # A column's name, and what may follow it: its unit in brackets or after an underscore, or @ and the sensor's size.
 _NAME = re.compile(r"([a-z]+)(?:(?:\s*[\[(]|_|\s+)([a-zµμ]+)[\])]?|@(\d+))?")
-
-
 # The head that Metavision writes.
 _GEOMETRY = re.compile(rb"% *geometry *: *(\d+)[,x](\d+)")
 
@@ -219,10 +207,6 @@ def _is_zip(head, path):
     return head.startswith((b"PK\x03\x04", b"PK\x05\x06")) and (zipfile.is_zipfile(path) or path.suffix == ".zip")
 
 
-def _is_gzip(head, path):
-    return head.startswith(b"\x1f\x8b")
-
-
 def _open_gzip(path, **options):
     with readable(f"{path}: not a readable gzip file", _READ_ERRORS), gzip.open(path, "rb") as file:
         head = file.read(HEAD_BYTES)
@@ -235,9 +219,8 @@ def _open_zip(path, **options):
     errors = (*_READ_ERRORS, ValueError)  # ValueError: undecodable names
     with readable(f"{path}: not a readable zip archive", errors), zipfile.ZipFile(path) as archive:
         names = [name for name in archive.namelist() if name.lower().endswith((".txt", ".csv"))]
-    events = [name for name in names if name.rsplit("/")[-1] == "events.txt"]
     if len(names) != 1:
-        names = events
+        names = [name for name in names if name.rsplit("/")[-1] == "events.txt"]
     if len(names) != 1:
         raise RecordingError(f"{path}: archive without one .txt or .csv file, or one events.txt among several")
     return TextRecording(path, member=names[0], kind="zipped text", **options)
@@ -246,5 +229,5 @@ def _open_zip(path, **options):
 FORMATS = (
     Format("text", (".txt", ".csv"), _is_text, TextRecording, ("columns",)),
     Format("zipped text", (".zip",), _is_zip, _open_zip, ("columns",)),
-    Format("gzipped text", (".gz",), _is_gzip, _open_gzip, ("columns",)),
+    Format("gzipped text", (".gz",), lambda head, path: head.startswith(b"\x1f\x8b"), _open_gzip, ("columns",)),
 )

@@ -26,15 +26,7 @@ _TO_BLANKS = bytes.maketrans(b",;\r", b"   ")
 
 @dataclass(frozen=True)
 class Layout:
-    """Which field of a line is which column.
-
-    Parameters
-    ----------
-    t, x, y, p : int
-        Index of the field, from 0.
-    fields : int
-        Number of fields of a line.
-    """
+    """Which of the ``fields`` of a line is which column; they count from 0."""
 
     t: int = 0
     x: int = 1
@@ -58,32 +50,21 @@ class LineError(ValueError):
 
 def split_line(line):
     """Fields of a line (bytes): separated by blanks, commas or semicolons; what follows ``#`` is a comment."""
-    return line.partition(b"#")[0].replace(b",", b" ").replace(b";", b" ").decode("utf-8", "replace").split()
+    return line.partition(b"#")[0].translate(_TO_BLANKS).decode("utf-8", "replace").split()
 
 
 def parse_line(line, power, layout=PLAIN):
     """``(t, x, y, p)`` of a line (bytes), or None for an empty one or a comment.
 
-    Parameters
-    ----------
-    power : int
-        t is multiplied by ``10**power`` and rounded to the nearest integer, halves up.
-    layout : Layout
-        Where the columns are; other fields are not looked at.
-
-    Raises
-    ------
-    LineError
-        There are more or fewer fields than the layout has, or one of them is not a number of its kind.
+    t is multiplied by ``10**power`` and rounded to the nearest integer, halves up. Raises :exc:`LineError` where there
+    are more or fewer fields than the layout has, or a column's is not a number of its kind.
     """
     fields = split_line(line)
     if not fields:
         return None
     if len(fields) != layout.fields:
-        raise LineError(
-            f"{len(fields)} field{'s' * (len(fields) > 1)} in {_shown(line)}; "
-            f"{layout.fields} are needed ({layout.text})"
-        )
+        count = f"{len(fields)} field{'s' * (len(fields) > 1)}"
+        raise LineError(f"{count} in {_shown(line)}; {layout.fields} are needed ({layout.text})")
     t_text, x, y, p = (fields[k] for k in (layout.t, layout.x, layout.y, layout.p))
     number = _number("t", t_text)
     # Rounded before it is scaled: only that is exact for any number of digits.
@@ -155,7 +136,6 @@ def _decimals(texts, power):
         return None if (point == b".").any() else quotient + (2 * rest >= 10**-power)
     if whole.max() >= LIMIT_US // 10**power:
         return None
-    fraction = (
-        np.strings.ljust(fraction, power + 1, b"0").astype(f"S{power + 1}").astype(np.int64)
-    )  # one more, to round
+    digits = power + 1  # one more, to round
+    fraction = np.strings.ljust(fraction, digits, b"0").astype(f"S{digits}").astype(np.int64)
     return whole * 10**power + (fraction + 5) // 10

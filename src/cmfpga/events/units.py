@@ -60,7 +60,7 @@ def parse_unit(text, where):
     """
     if isinstance(text, bytes):
         text = text.decode("utf-8", "replace")
-    unit = _BY_SPELLING.get(text.strip().lower()) if isinstance(text, str) else None
+    unit = find_unit(text) if isinstance(text, str) else None
     if unit is None:
         raise RecordingError(f"{where}: time unit {text!r} is not known; one of {', '.join(TIME_UNITS)} is needed")
     return unit
@@ -116,27 +116,24 @@ def _guess_of_fractions(t, steps, us_rate):
 def to_us(t, unit, where, first_event=0):
     """Time stamps ``t`` (integers or floats, in ``unit``) as int64 µs, rounded to the nearest, halves up.
 
-    Integers are converted exactly; floats to the precision of float64.
-
-    Raises
-    ------
-    RecordingError
-        A time stamp is NaN, infinite, or beyond ±2^62 µs; the message starts with ``where`` and names the index
-        of the event, ``first_event`` being that of ``t[0]``.
+    Integers are converted exactly; floats to the precision of float64. Raises :exc:`RecordingError` where a time stamp
+    is NaN, infinite, or beyond ±2^62 µs; the message starts with ``where`` and names the index of the event,
+    ``first_event`` being that of ``t[0]``.
     """
     t = np.asarray(t)
     power = POWER[unit]
+
+    def say(needed):
+        return lambda k: f"{where}: time stamp of event {first_event + k} is {t[k]}{needed}"
+
+    out_of_range = say(f" {unit}; less than 2^62 µs is allowed")
     if t.dtype.kind == "f":
-        bad = ~np.isfinite(t)
-        if bad.any():
-            k = int(bad.argmax())
-            raise RecordingError(f"{where}: time stamp of event {first_event + k} is {t[k]}; a finite number is needed")
+        refuse(~np.isfinite(t), say("; a finite number is needed"))
         scaled = np.floor(t.astype(np.float64) * 10.0**power + 0.5)
-        _check_range(np.abs(scaled) < LIMIT_US, t, unit, where, first_event)
+        refuse(np.abs(scaled) >= LIMIT_US, out_of_range)
         return scaled.astype(np.int64)
     limit = (LIMIT_US - 1) // 10 ** max(power, 0)
-    if len(t):
-        _check_range((t <= limit) & (t >= -limit), t, unit, where, first_event)
+    refuse((t > limit) | (t < -limit), out_of_range)
     t = t.astype(np.int64)
     if power >= 0:
         return t * 10**power
@@ -144,9 +141,7 @@ def to_us(t, unit, where, first_event=0):
     return quotient + (2 * rest >= 10**-power)
 
 
-def _check_range(good, t, unit, where, first_event):
-    if not good.all():
-        k = int((~good).argmax())
-        raise RecordingError(
-            f"{where}: time stamp of event {first_event + k} is {t[k]} {unit}; less than 2^62 µs is allowed"
-        )
+def refuse(bad, say):
+    """Raises the :exc:`RecordingError` of ``say(k)`` for the first ``k`` at which ``bad``, a bool array, holds."""
+    if bad.any():
+        raise RecordingError(say(int(bad.argmax())))

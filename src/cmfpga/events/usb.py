@@ -15,30 +15,14 @@ _AWAIT_S = 10.0  # a camera that is gone is awaited for so long
 
 
 class Camera:
-    """An open camera.
+    """An open camera, of ``address`` ``camera:SERIAL``, or ``camera:``, the first one that can be opened.
 
-    Parameters
-    ----------
-    address : str
-        ``camera:``, the first one that can be opened, or ``camera:SERIAL``.
+    ``name`` is its address with the serial number; ``note`` and ``format`` are for people; ``sensor`` is (width,
+    height), px. ``decoder`` takes what :meth:`read` gives, as :class:`EvtDecoder` does; times go on where the camera
+    was gone, which ``reconnected`` counts. ``backlog`` and ``dropped`` are packets: those that waited in the driver's
+    ring at most, and those that it dropped because the ring was full.
 
-    Attributes
-    ----------
-    name, note, format : str
-        Its address with the serial number; and for people.
-    sensor : (int, int)
-        Width and height, px.
-    decoder : callable
-        Of what :meth:`read` gives, as :class:`EvtDecoder`; times go on where the camera was gone.
-    reconnected : int
-        How often the camera was gone, and came again.
-    backlog, dropped : int
-        Packets that waited in the driver's ring at most, and that it dropped because the ring was full.
-
-    Raises
-    ------
-    UserError
-        The package, or the camera, is not there, or cannot be opened; one line.
+    Raises :exc:`UserError`, in one line, where the package, or the camera, is not there, or cannot be opened.
     """
 
     def __init__(self, address):
@@ -146,20 +130,12 @@ class _Joined:
             self._last = int(t[-1])
         return t, x, y, p
 
-    def skip(self, data):
-        return self._decoder.skip(data)
-
     @property
     def early(self):
         return self._early + self._decoder.early
 
-    @property
-    def rest(self):
-        return self._decoder.rest
-
-    @property
-    def word_bytes(self):
-        return self._decoder.word_bytes
+    def __getattr__(self, name):
+        return getattr(self._decoder, name)  # skip, rest, word_bytes
 
 
 class _Decoded:

@@ -63,18 +63,10 @@ def _spread(position):
 def image_of_warped_events(x, y, dt, v, *, width, height, level=0, spread=False):
     """I (Eq. I_w of the article), float64 [height, width], for events at ``x``, ``y`` and v in px per half batch.
 
-    Parameters
-    ----------
-    x, y, dt : float64 or int [n]
-        Columns and rows in the ROI, px; scaled times, −1 … 1.
-    v : (float, float), or two float64 [n]
-        Of all events, or of each, as :func:`cmfpga.imaging.camera.flow` gives it.
-    width, height : int
-        Of the ROI, px.
-    level : int
-        The image's pixels are 2^level px wide, so it has ⌈height/2^level⌉ rows and ⌈width/2^level⌉ columns.
-    spread : bool
-        Each event votes from everywhere in its pixel, evenly: the mean of the images over all dithers.
+    ``x``, ``y``, ``dt`` are float64 or int [n]: columns and rows in the ROI of ``width`` × ``height`` px; scaled times,
+    −1 … 1. ``v`` is of all events, (float, float), or of each, as :func:`cmfpga.imaging.camera.flow` gives it. With a
+    ``level`` the image's pixels are 2^level px wide: it has ⌈height/2^level⌉ rows and ⌈width/2^level⌉ columns. With
+    ``spread`` each event votes from everywhere in its pixel, evenly: the mean of the images over all dithers.
     """
     columns, rows = -(-width >> level), -(-height >> level)
     across, down = (

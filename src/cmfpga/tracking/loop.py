@@ -346,7 +346,7 @@ class _Objects(Table):
         """
         (course,), index, hop = self._courses, 0, -1
         lengths = yield from window_lengths(self.config, cutter, lambda events: self.trial(events, None), rois[0])
-        given, pieces = replace(self._usual, **lengths), cutter.pieces()
+        given, pieces = replace(self._usual, **lengths), cutter.piece
         self.engine.write([Region.roi(self.config, course.start)], {0})
         newest, passed, overlapping = Newest(self.config, cutter.position), PassedOver(), Overlapping()
         try:

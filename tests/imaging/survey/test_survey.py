@@ -1,6 +1,7 @@
 """Statistics of recordings, and proposals of ROI and batches: on scenes whose motion is known."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,16 +9,10 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, MemoryRecording, generate, open_recording
-from cmfpga.imaging.survey import ALLOWED_PX, Survey, estimate, propose, require
+from cmfpga.imaging.survey import ALLOWED_PX, Survey, estimate, propose, require, survey_all
+from cmfpga.imaging.survey.proposal import _apart, _measure
 
 FAST = preset("fast")
-
-
-def surveyed(recording, size=1 << 16):
-    survey = Survey(recording.width, recording.height)
-    for chunk in recording.chunks(size=size):
-        survey.add(chunk)
-    return survey
 
 
 # -------------------------------------------------------------------- statistics
@@ -63,7 +58,7 @@ def test_hot_pixels(rng):
     )
     hot = {(int(where % 240), int(where // 240)) for where, n in zip(*others, strict=True) if n > 200}
     assert len(hot) == 5
-    found = surveyed(scene.recording()).hot_pixels()
+    found = survey_all(scene.recording())[0].hot_pixels()
     assert {(x, y) for x, y, _ in found} == hot
     assert [n for *_, n in found] == sorted((n for *_, n in found), reverse=True)
 
@@ -78,7 +73,7 @@ def test_two_hot_pixels_side_by_side():
 def test_a_real_hot_pixel(data_dir):
     """Named in the README of the recordings."""
     with open_recording(data_dir / "davis240b_evbench_seq0002.h5") as recording:
-        assert (27, 70) in [(x, y) for x, y, _ in surveyed(recording).hot_pixels()]
+        assert (27, 70) in [(x, y) for x, y, _ in survey_all(recording)[0].hot_pixels()]
 
 
 # -------------------------------------------------------------------- motion
@@ -139,7 +134,7 @@ def test_the_image_moves_by_3_to_5_px(velocity, duration, fields, seed):
     scene = generate(seed=seed, velocity=velocity, duration_us=duration, **fields)
     config = FAST.replace(sensor_width=scene.scene.width, sensor_height=scene.scene.height)
     recording = scene.recording()
-    proposals = propose(recording, surveyed(recording), config)
+    proposals = propose(recording, survey_all(recording)[0], config)
     assert len(proposals) == 1
     found = proposals[0]
     events = scene.events
@@ -170,12 +165,12 @@ def test_where_it_begins_to_move_later():
     noise = Events(t, rng.integers(240, size=count), rng.integers(180, size=count), rng.integers(2, size=count))
     events = Events.concatenate([noise, scene.events])
     recording = MemoryRecording(events, 240, 180)
-    (found,) = propose(recording, surveyed(recording), FAST)
+    (found,) = propose(recording, survey_all(recording)[0], FAST)
     assert events.t[found.start_event] >= 300_000
     batch = events[found.start_event :][: found.batch_events]
     np.testing.assert_allclose(found.px_per_s, (120, 0), atol=20)
     assert len(batch) == found.batch_events
-    assert propose(recording, surveyed(recording), FAST, start_event=0) == []
+    assert propose(recording, survey_all(recording)[0], FAST, start_event=0) == []
 
 
 def noise(count=60_000):
@@ -198,7 +193,7 @@ def few(_=None):
 @pytest.mark.parametrize("make", [noise, flicker, few])
 def test_nothing_is_made_up(make):
     recording = MemoryRecording(make(), 240, 180, name="mine")
-    proposals = propose(recording, surveyed(recording), FAST)
+    proposals = propose(recording, survey_all(recording)[0], FAST)
     assert proposals == []
     far = r"clearly and far enough \(4 px in half of a batch\)"
     with pytest.raises(ConfigError, match=rf"^mine: --roi auto: nothing moves {far}; --roi X,Y is needed$"):
@@ -208,7 +203,7 @@ def test_nothing_is_made_up(make):
 def test_no_batch_is_longer_than_the_recording(data_dir):
     """It ends after 3.5 px per half batch: enough for one batch."""
     with open_recording(data_dir / "davis240c_dynamic_translation_32.9s.h5") as recording:
-        (found,) = propose(recording, surveyed(recording), FAST)
+        (found,) = propose(recording, survey_all(recording)[0], FAST)
     assert found.batch_events == 30_000 and 3.3 < found.px < 3.7
     assert abs(found.px - math.hypot(*found.px_per_s) * found.batch_us / 2e6) < 0.1
 
@@ -217,8 +212,23 @@ def test_large_batches_say_what_the_hardware_needs():
     scene = generate(seed=1, velocity=(60.0, 0.0), duration_us=600_000, contrast=30.0)
     recording = scene.recording()
     config = FAST.replace(max_batch_events=20_000)
-    (found,) = propose(recording, surveyed(recording), config)
+    (found,) = propose(recording, survey_all(recording)[0], config)
     assert found.batch_events > 20_000
     assert found.batch_events <= found.fields["max_batch_events"] < 2 * found.batch_events
     assert found.fields["thinning"] == math.ceil(1.3 * found.roi_events / config.buffer_events)
     config.replace(**found.fields)
+
+
+@pytest.mark.parametrize("slope, alike", [(0.0, True), (0.15, False)])
+def test_depths_are_seen(rng, slope, alike):
+    """Points move along x by 4 px per half window, and by so much more for each row."""
+    config, count = preset("fast"), 60
+    t = np.sort(rng.integers(0, 20_001, 6000))
+    t[[0, -1]] = 0, 20_000
+    point = rng.integers(count, size=len(t))
+    x, y = rng.uniform(12, 52, count), rng.integers(4, 60, count)
+    moved = (4 + slope * (y - 32))[point] * (t - 10_000) / 10_000
+    events = Events(t, np.round(x[point] + moved), y[point], t % 2)
+    window = SimpleNamespace(during=lambda begin, duration: events)
+    v, *_, inside = _measure(window, (0, 0), 0, 20_000, config)
+    assert (_apart(*inside, v, config) <= 0.6) == alike

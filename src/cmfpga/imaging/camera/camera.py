@@ -22,14 +22,8 @@ _ALLOWED_PX = 1e-3  # between a pixel and the ray that was found for it, seen ag
 
 @dataclass(frozen=True)
 class Camera:
-    """Pinhole and distortion of Brown and Conrady, in OpenCV's order.
-
-    Parameters
-    ----------
-    fx, fy, cx, cy : float
-        Focal lengths and principal point, px.
-    k1, k2, p1, p2, k3 : float
-        Radial (k) and tangential (p) distortion.
+    """Pinhole and distortion of Brown and Conrady, in OpenCV's order: focal lengths f and principal point c, px; radial
+    (k) and tangential (p) distortion.
     """
 
     fx: float
@@ -130,10 +124,7 @@ def read_calibration(path):
       ROS's camera calibrator writes it, or the message (``K``, ``D``);
     - any other text: ``fx fy cx cy k1 k2 p1 p2 k3``; k3, or all distortion, may be left out.
 
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, holds no calibration, or one of another model; one line.
+    Raises :exc:`ConfigError`, in one line, where it cannot be read, holds no calibration, or one of another model.
     """
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):
@@ -191,24 +182,13 @@ def calibration_of(file, path):
 
 
 def camera_fields(camera, source):
-    """The fields of a configuration that undistort for ``camera``.
+    """The fields of a configuration that undistort for ``camera``: a file, or what is in one, also nine numbers.
 
-    Parameters
-    ----------
-    camera : str, Path, Camera, Calibration or sequence of numbers
-        A file, or what is in one. A text of numbers is no file.
-    source : EventSource
-        Its sensor must be of the size that the file tells, if it does.
-
-    Raises
-    ------
-    ConfigError
-        As of :func:`read_calibration`; or the sizes differ.
+    A text of numbers is no file. Raises :exc:`ConfigError` as :func:`read_calibration` does; or where the sensor of
+    ``source``, an EventSource, is not of the size that the file tells.
     """
-    if isinstance(camera, Calibration):
-        found = camera
-    elif isinstance(camera, Camera):
-        found = Calibration(camera)
+    if isinstance(camera, Calibration | Camera):
+        found = camera if isinstance(camera, Calibration) else Calibration(camera)
     elif isinstance(camera, os.PathLike) or (isinstance(camera, str) and not _NUMBERS.fullmatch(camera)):
         found = read_calibration(camera)
     else:

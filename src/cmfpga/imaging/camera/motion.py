@@ -33,25 +33,15 @@ RATES = {
 def rates(config, v, span):
     """A motion in physical units: ``{name: value}`` of :data:`RATES`; None where there is none.
 
-    Parameters
-    ----------
-    config : Config
-        For a rotation with a camera.
-    v : sequence of float
-        Parameters, in the order of ``config.motion_model.names``; px per half batch.
-    span : int
-        t_N − t_1 of the batch, µs; 0: nothing was measured.
+    ``v`` are the parameters, in the order of ``config.motion_model.names``, px per half batch; ``span`` is t_N − t_1 of
+    the batch, µs, 0 where nothing was measured. A rotation needs a camera in ``config``.
 
-    Returns
-    -------
-    dict
-        ``zoom_per_s``: 1/s; ``time_to_contact_s``: its inverse, s, None without a zoom, negative of what goes away;
-        ``roll_rad_per_s`` and ``wx_rad_per_s``, …: rad/s.
+    ``zoom_per_s``: 1/s; ``time_to_contact_s``: its inverse, s, None without a zoom, negative of what goes away;
+    ``roll_rad_per_s`` and ``wx_rad_per_s``, …: rad/s.
     """
-    names = RATES[config.motion]
+    names, motion, half = RATES[config.motion], config.motion_model, span / 2e6
     if not span or not names:
         return dict.fromkeys(names)
-    motion, half = config.motion_model, span / 2e6
     lever = half * (1 << motion.lever)
     v = dict(zip(motion.names, v, strict=True))
     if config.motion == "similarity":
@@ -62,15 +52,9 @@ def rates(config, v, span):
 
 
 def parameters(config, found, span):
-    """The other way round: v, px per half batch, of what :func:`rates` gives.
+    """The other way round: v, px per half batch, of what :func:`rates` gives for a batch of ``span`` µs.
 
-    Parameters
-    ----------
-    config : Config
-    found : sequence of float
-        (ωx, ωy, ωz) in rad/s; or, of a similarity, (vx, vy) in px/s, zoom in 1/s, roll in rad/s.
-    span : int
-        µs.
+    ``found`` is (ωx, ωy, ωz) in rad/s; or, of a similarity, vx, vy in px/s, zoom in 1/s, roll in rad/s.
     """
     half = span / 2e6
     lever = half * (1 << config.motion_model.lever)
@@ -83,15 +67,8 @@ def parameters(config, found, span):
 def flow(config, v, x, y, roi):
     """How far events move along x and y per half batch, px: two float64 [n]; of a translation ``v`` itself.
 
-    Parameters
-    ----------
-    config : Config
-    v : sequence of float
-        As of :func:`rates`.
-    x, y : arrays [n]
-        Columns and rows in the ROI, px.
-    roi : pair of int
-        Its left column and top row, px.
+    ``v`` is as of :func:`rates`; ``x``, ``y`` are arrays [n] of columns and rows in the ROI, whose left column and top
+    row are ``roi``, all in px.
     """
     motion = config.motion_model
     if not motion.basis:
@@ -130,17 +107,8 @@ def extent(config, v, roi):
 def node_table(config, lens):
     """How far each node moves what lies on it: raw ``formats.node_x``, ``formats.node_y``; int64 [2, rows, columns].
 
-    Parameters
-    ----------
-    config : Config
-        Sizes and formats.
-    lens : tuple
-        The nine numbers of a :class:`Camera`; (): nothing moves.
-
-    Raises
-    ------
-    ConfigError
-        The distortion has no inverse on the sensor.
+    ``lens`` has the nine numbers of a :class:`Camera`, or (), where nothing moves. Raises :exc:`ConfigError` where the
+    distortion has no inverse on the sensor.
     """
     size, formats = config.geometry.size, config.formats
     return _table(size, config.undistortion_cell, formats.node_x, formats.node_y, lens)
@@ -166,12 +134,9 @@ def _table(size, cell, node_x, node_y, lens):
             rest = [(1, 1) if k == axis else (0, 0) for k in range(3)]
             bend += np.pad(np.diff(moved, 2, axis=axis), rest, mode="edge")
     moved -= bend / 12
-    return np.stack(
-        [
-            np.clip(np.floor(axis * (1 << fmt.f) + 0.5), fmt.min, fmt.max).astype(np.int64)
-            for axis, fmt in zip(moved, (node_x, node_y), strict=True)
-        ]
-    )
+    axes = zip(moved, (node_x, node_y), strict=True)
+    rounded = [np.clip(np.floor(axis * (1 << fmt.f) + 0.5), fmt.min, fmt.max) for axis, fmt in axes]
+    return np.stack(rounded).astype(np.int64)
 
 
 def node_writes(config, lens):
@@ -184,16 +149,9 @@ def node_writes(config, lens):
 def undistort(config, lens, x, y):
     """Binned and undistorted positions of events, rounded to ``event_frac`` bits: two int64 [n], raw.
 
-    Binned first (:mod:`cmfpga.rtl.ingest.binning`), so that the table is as small as the image; then interpolated
-    exactly between the four nodes around an event's pixel.
-
-    Parameters
-    ----------
-    config : Config
-    lens : tuple
-        As of :func:`node_table`.
-    x, y : integer arrays [n]
-        Columns and rows of the sensor.
+    ``x``, ``y`` are integer arrays [n] of the sensor's columns and rows, ``lens`` is as of :func:`node_table`. Binned
+    first (:mod:`cmfpga.rtl.ingest.binning`), so that the table is as small as the image; then interpolated exactly
+    between the four nodes around an event's pixel.
     """
     x, y = (np.asarray(axis).astype(np.int64) >> config.binning for axis in (x, y))
     frac = config.formats.event_frac

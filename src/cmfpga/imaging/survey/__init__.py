@@ -9,15 +9,6 @@ from .proposal import ALLOWED_PX, Proposal, estimate, propose, require, survey_a
 from .statistics import Survey, hot_mask, survey_all, usual_survey, without_hot_pixels
 
 __all__ = [
-    "ALLOWED_PX",
-    "Proposal",
-    "Survey",
-    "estimate",
-    "hot_mask",
-    "propose",
-    "require",
-    "survey_all",
-    "survey_and_propose",
-    "usual_survey",
-    "without_hot_pixels",
-]
+    "ALLOWED_PX", "Proposal", "Survey", "estimate", "hot_mask", "propose", "require", "survey_all",
+    "survey_and_propose", "usual_survey", "without_hot_pixels",
+]  # fmt: skip

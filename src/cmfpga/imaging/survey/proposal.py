@@ -21,14 +21,7 @@ REACH_PX = 10  # velocities that the grid holds, px per half window
 def estimate(x, y, dt, width, height):
     """Velocity at which the image of warped events is sharpest, px per half window, and how much sharper than at 0.
 
-    Parameters
-    ----------
-    x, y : float64 [n]
-        Positions in the ROI, px.
-    dt : float64 [n]
-        Scaled times, −1 … 1.
-    width, height : int
-        Of the ROI, px.
+    Of ``x``, ``y``, float64 [n], positions in an ROI of ``width`` × ``height`` px, and scaled times ``dt``, −1 … 1.
 
     Returns
     -------
@@ -89,16 +82,10 @@ class Proposal:
         Left column and top row, px.
     start_event : int
         Where the motion was measured: first event of the first batch.
-    batch_events : int
-        Events of the whole sensor.
-    batch_us : int
-        What they last there, µs.
-    roi_events : int
-        Of them, in the ROI.
-    v : (float, float)
-        Measured velocity, px per half batch.
-    px_per_s : (float, float)
-        The same, px/s.
+    batch_events, roi_events, batch_us : int
+        Events of the whole sensor; of them, in the ROI; what they last there, µs.
+    v, px_per_s : (float, float)
+        Measured velocity, px per half batch; the same, px/s.
     gain, clarity : float
         How much sharper the image is at v than at v = 0, and how clear its peak is; see :func:`estimate`.
     apart : float
@@ -137,24 +124,17 @@ class Proposal:
     @property
     def text(self):
         """The proposal in one line."""
-        return (
-            f"ROI {self.roi[0]},{self.roi[1]} from event {self.start_event} on, {self.batch_events} events a batch: "
-            f"{self.reason}"
-        )
+        x, y = self.roi
+        return f"ROI {x},{y} from event {self.start_event} on, {self.batch_events} events a batch: {self.reason}"
 
     @property
     def reason(self):
         """One sentence for people."""
-        speed = math.hypot(*self.px_per_s)
+        apart = f"; its halves are {self.apart:.1f} px apart: there may be two motions or depths in it"
         return (
-            f"the image moves at {speed:,.0f} px/s there, so in {self.batch_events:,} events, "
+            f"the image moves at {math.hypot(*self.px_per_s):,.0f} px/s there, so in {self.batch_events:,} events, "
             f"{self.batch_us / 1e3:,.3g} ms, it moves by {self.px:.1f} px per half batch; "
-            f"{ALLOWED_PX[0]:g} to {ALLOWED_PX[1]:g} px are measured best"
-            + (
-                ""
-                if self.alike
-                else f"; its halves are {self.apart:.1f} px apart: there may be two motions or depths in it"
-            )
+            f"{ALLOWED_PX[0]:g} to {ALLOWED_PX[1]:g} px are measured best{'' if self.alike else apart}"
         )
 
 
@@ -163,7 +143,6 @@ def propose(recording, survey, config, *, count=1, start_event=None, tick=lambda
 
     Parameters
     ----------
-    recording : Recording
     survey : Survey or None
         Of the whole recording: its hot pixels are left out where places are looked for, and its number of events says
         where to look. Without it, only the recording's start is looked at.
@@ -181,11 +160,9 @@ def propose(recording, survey, config, *, count=1, start_event=None, tick=lambda
     """
     if config.binning:
         raise ConfigError(f"binning = {config.binning}: an ROI is proposed in the sensor's pixels; --roi X,Y is needed")
-    if start_event is not None:
-        starts = [start_event]
-    else:
-        events = survey.events if survey else 0
-        starts = sorted({events * k // _STARTS for k in range(_STARTS)})
+    starts = [start_event]
+    if start_event is None:
+        starts = sorted({(survey.events if survey else 0) * k // _STARTS for k in range(_STARTS)})
     hot = survey.hot_pixels() if survey else []
     best = []
     for start in starts:
@@ -198,33 +175,13 @@ def propose(recording, survey, config, *, count=1, start_event=None, tick=lambda
 
 def _from(recording, start, config, hot, count, tick):
     window = Window(recording, start, config)
-    found = []
-    for place in busy_places(window.first(), config, hot, recording):
-        tick()
-        proposal = _try(window, place, config, tick)
-        if proposal:
-            found.append(proposal)
+    tried = [_try(window, place, config, tick) for place in busy_places(window.first(), config, hot, recording)]
     chosen = []
-    for proposal in sorted(found, key=lambda one: (0, -one.clarity) if one.alike else (1, one.apart)):
-        if len(chosen) < count and not any(_overlap(proposal.roi, other.roi, config) for other in chosen):
-            chosen.append(proposal)
+    for one in sorted(filter(None, tried), key=lambda one: (0, -one.clarity) if one.alike else (1, one.apart)):
+        apart = [np.abs(np.subtract(one.roi, other.roi)) >= (config.roi_width, config.roi_height) for other in chosen]
+        if len(chosen) < count and all(map(np.any, apart)):
+            chosen.append(one)
     return chosen
-
-
-def _overlap(a, b, config):
-    return abs(a[0] - b[0]) < config.roi_width and abs(a[1] - b[1]) < config.roi_height
-
-
-def _seen(window, place, begin_us, duration_us, config):
-    """``(x, y, dt, all events)`` of a window of time in the ROI; None where there is none, or it is almost empty."""
-    events = window.during(begin_us, duration_us)
-    if events is None or len(events) < 2:
-        return None
-    span = int(events.t[-1] - events.t[0])
-    index, x, y = events_in_roi(events, np.round(place).astype(int), config.roi_width, config.roi_height)
-    if len(index) < _MIN_ROI_EVENTS or not span:
-        return None
-    return x, y, (2 * (events.t[index] - events.t[0]) - span) / span, len(events)
 
 
 def _found(x, y, dt, config):
@@ -234,16 +191,20 @@ def _found(x, y, dt, config):
 
 
 def _measure(window, place, begin_us, duration_us, config):
-    """``(v, gain, clarity, ROI events, all events)`` of a window of time; None where there is none, or it is empty."""
-    if (seen := _seen(window, place, begin_us, duration_us, config)) is None:
+    """``(v, gain, clarity, all events, (x, y, dt) in the ROI)`` of a window of time; None where it is almost empty."""
+    events = window.during(begin_us, duration_us)
+    if events is None or len(events) < 2:
         return None
-    *events, count = seen
-    return *_found(*events, config), len(events[0]), count
+    span = int(events.t[-1] - events.t[0])
+    index, x, y = events_in_roi(events, np.round(place).astype(int), config.roi_width, config.roi_height)
+    if len(index) < _MIN_ROI_EVENTS or not span:
+        return None
+    inside = x, y, (2 * (events.t[index] - events.t[0]) - span) / span
+    return *_found(*inside, config), len(events), inside
 
 
-def _apart(window, place, duration, v, config):
+def _apart(x, y, dt, v, config):
     """How far the ROI's halves move from ``v``, in the median, px per half window; 0.0 where they have few events."""
-    x, y, dt, _ = _seen(window, place, 0, duration, config)
     width, height = config.roi_width // 2, config.roi_height // 2
     halves = [half for half in (x < width, x >= width, y < height, y >= height) if half.sum() >= _HALF_EVENTS]
     apart = [math.dist(_found(x[half], y[half], dt[half], config)[0], v) for half in halves]
@@ -252,6 +213,7 @@ def _apart(window, place, duration, v, config):
 
 def _try(window, place, config, tick):
     """A :class:`Proposal` for an ROI at ``place``, or None if the motion in it is not clear."""
+    tick()
     duration = _first_duration(window, place, config)
     tried = set()
     for _ in range(_ROUNDS):
@@ -262,7 +224,7 @@ def _try(window, place, config, tick):
         measured = _measure(window, place, 0, duration, config)
         if measured is None:
             return None
-        v, gain, clarity, _, _ = measured
+        v, gain, clarity, *_ = measured
         px = math.hypot(*v)
         if abs(px - TARGET_PX) <= 0.6 and gain >= _MIN_GAIN and clarity >= _MIN_CLARITY:
             return _confirmed(window, place, duration, measured, config)
@@ -283,12 +245,11 @@ def _first_duration(window, place, config):
 
 def _confirmed(window, place, duration, measured, config):
     """The proposal, if both halves of the window and the two behind it find the same motion; one of them may not."""
-    v, gain, clarity, roi_events, all_events = measured
-    apart = _apart(window, place, duration, v, config)
+    v, gain, clarity, all_events, inside = measured
+    apart = _apart(*inside, v, config)
     half = duration // 2
     limits = (config.geometry.roi_x_max, config.geometry.roi_y_max)
-    velocities, gains = [v], [gain]
-    there, agree = 0, 0
+    velocities, gains, there, agree = [v], [gain], 0, 0
     # Begin and length of each window, and by how many v the object has moved on until its middle.
     windows = ((0, half, -0.5), (half, half, 0.5), (duration, duration, 2), (2 * duration, duration, 4))
     for begin, length, moved in windows:
@@ -315,11 +276,11 @@ def _confirmed(window, place, duration, measured, config):
     exact = all_events * scale
     unit = 10 ** max(math.floor(math.log10(max(exact, 1))) - 1, 0)
     batch_events = round(exact / unit) * unit
-    if (there := window.count(batch_events)) < batch_events:  # no batch is longer than the recording
+    if (there := len(window.first(batch_events))) < batch_events:  # no batch is longer than the recording
         batch_events = there // unit * unit
     batch_events = max(batch_events, 2)
     share = batch_events / all_events
-    roi_events = round(roi_events * share)
+    roi_events = round(len(inside[0]) * share)
     fields = {}
     if batch_events > config.max_batch_events:
         fields["max_batch_events"] = (1 << batch_events.bit_length()) - 1

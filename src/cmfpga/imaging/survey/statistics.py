@@ -1,6 +1,5 @@
 """A recording's events: counts, rate over time and hot pixels of all, and where to look for motion among them."""
 
-import contextlib
 import math
 import weakref
 
@@ -10,7 +9,7 @@ from tqdm import tqdm
 from ...config.presets import ENGINES
 from ...errors import ConfigError, RecordingError
 from ...events import Events
-from ..camera import nearest, seen, undistort
+from ..camera import nearest, undistort
 
 #: Pixels of the largest sensor that is surveyed; those that are sold have 1280×800.
 MOST_PX = 1280 * 1024
@@ -93,12 +92,8 @@ class Survey:
         """``[(x, y, events)]``, the busiest first: pixels far busier than those around them."""
         rows, columns = self.counts.shape
         padded = np.pad(self.counts, 1)
-        around = [
-            padded[1 + dy : 1 + dy + rows, 1 + dx : 1 + dx + columns]
-            for dy in (-1, 0, 1)
-            for dx in (-1, 0, 1)
-            if dx or dy
-        ]
+        steps = ((dy, dx) for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1))
+        around = [padded[dy : dy + rows, dx : dx + columns] for dy, dx in steps]
         second = np.partition(np.stack(around), -2, axis=0)[-2]
         y, x = np.nonzero((self.counts >= _HOT_EVENTS) & (self.counts > _HOT_TIMES * second))
         found = [(int(a), int(b), int(self.counts[b, a])) for a, b in zip(x, y, strict=True)]
@@ -121,24 +116,14 @@ def usual_survey(recording, engine, given):
     """
     if not recording.seekable or engine not in ENGINES or {"hot_pixels", "hot_mask"} & {*given}:
         return None
-    try:
-        return surveyed(recording, "", "")
-    except RecordingError:
-        survey = Survey(recording.width, recording.height)
-        with contextlib.suppress(RecordingError):
-            survey_all(recording, survey)
-        return survey
+    survey, _ = survey_all(recording)
+    return survey
 
 
 def without_hot_pixels(config, survey, how):
     """``config`` with a mask of a survey's hot pixels, and a note of them; as it is, and None, where there are none.
 
-    Parameters
-    ----------
-    config : Config
-    survey : Survey or None
-    how : str
-        How a user keeps the pixels.
+    The note tells ``how`` a user keeps the pixels. There are none without a survey.
     """
     found = survey.hot_pixels() if survey else []
     found = [pixel for pixel in found if pixel[0] < config.sensor_width and pixel[1] < config.sensor_height]
@@ -156,14 +141,13 @@ def shown(pixels):
 
 
 def surveyed(recording, what, instead):
-    """A :class:`Survey` of all events, made once. Where they come only once, :exc:`ConfigError`: ``what`` cannot be."""
+    """A :class:`Survey` of all events. Where they come only once, :exc:`ConfigError`: ``what`` cannot be."""
     if not recording.seekable:
         raise ConfigError(f"{recording.name}: {what}: its events come only once; {instead}")
-    if recording not in _SURVEYS:
-        survey = Survey(recording.width, recording.height)
-        survey_all(recording, survey)
-        _SURVEYS[recording] = survey
-    return _SURVEYS[recording]
+    survey, broken = survey_all(recording)
+    if broken:
+        raise broken
+    return survey
 
 
 def pixels_text(pixels):
@@ -171,12 +155,23 @@ def pixels_text(pixels):
     return ";".join(f"{x},{y}" for x, y, *_ in pixels)
 
 
-def survey_all(recording, survey):
-    """Read the whole recording into ``survey``, with a bar."""
-    with tqdm(total=recording.num_events, unit="event", unit_scale=True, disable=None, leave=False) as bar:
-        for chunk in recording.chunks():
-            survey.add(chunk)
-            bar.update(len(chunk))
+def survey_all(recording):
+    """``(survey, error)``: of all events that can be read, with a bar; and what the recording breaks off with, or None.
+
+    A whole recording is read once.
+    """
+    if recording in _SURVEYS:
+        return _SURVEYS[recording], None
+    survey = Survey(recording.width, recording.height)
+    try:
+        with tqdm(total=recording.num_events, unit="event", unit_scale=True, disable=None, leave=False) as bar:
+            for chunk in recording.chunks():
+                survey.add(chunk)
+                bar.update(len(chunk))
+    except RecordingError as error:
+        return survey, error
+    _SURVEYS[recording] = survey
+    return survey, None
 
 
 _READ_EVENTS = 2_000_000  # most events that a proposal looks at from one start
@@ -206,20 +201,17 @@ class Window:
         if chunk is None:
             self._ended = True
             return False
-        self._events = Events.concatenate([self._events, whole_pixels(self._config, chunk)])
+        if self._config.lens:
+            x, y, there = _on_image(self._config, chunk.x, chunk.y)
+            chunk = Events(chunk.t, np.where(there, x, 65535), np.where(there, y, 65535), chunk.p)
+        self._events = Events.concatenate([self._events, chunk])
         return True
 
-    def first(self):
-        """The first events: enough to find places, at least."""
-        while len(self._events) < 1 << 16 and self._grow():
+    def first(self, least=1 << 16):
+        """The first events, at least so many where there are: enough to find places."""
+        while len(self._events) < least and self._grow():
             pass
         return self._events
-
-    def count(self, most):
-        """How many of the first ``most`` events there are."""
-        while len(self._events) < most and self._grow():
-            pass
-        return min(len(self._events), most)
 
     def during(self, begin_us, duration_us):
         """Events of ``begin_us … begin_us + duration_us`` (µs from the first), or None where they are not all there."""
@@ -231,23 +223,10 @@ class Window:
         return self._events[a:b]
 
 
-def whole_pixels(config, events):
-    """``events`` as a :class:`Window` has them."""
-    if not config.lens:
-        return events
-    placed = seen(config, events)
-    x, y, there = nearest(config, placed.x, placed.y)
-    return Events(events.t, np.where(there, x, 65535), np.where(there, y, 65535), events.p)
-
-
-def hot_places(config, hot):
-    """Hot pixels, (x, y, events) each, where a :class:`Window` has their events."""
-    if not (config.lens and hot):
-        return hot
-    x, y, counts = np.array(hot).T
+def _on_image(config, x, y):
+    """Whole pixels at which the undistorted image has those of the sensor, and which of them lie on it."""
     step = 2.0**-config.formats.event_frac
-    x, y, there = nearest(config, *(axis * step for axis in undistort(config, config.lens, x, y)))
-    return np.stack([x, y, counts], axis=1)[there].tolist()
+    return nearest(config, *(axis * step for axis in undistort(config, config.lens, x, y)))
 
 
 def busy_places(events, config, hot, recording):
@@ -261,17 +240,21 @@ def busy_places(events, config, hot, recording):
     inside = (events.x < columns) & (events.y < rows)
     where = events.y[inside].astype(np.int64) * columns + events.x[inside]
     counts = np.bincount(where, minlength=columns * rows).reshape(rows, columns).astype(float)
-    for x, y, _ in hot_places(config, hot):
-        if x < columns and y < rows:
-            counts[y, x] = 0
+    x, y = np.array([pixel[:2] for pixel in hot], np.int64).reshape(-1, 2).T
+    if config.lens:
+        x, y, there = _on_image(config, x, y)
+        x, y = x[there], y[there]
+    there = (x < columns) & (y < rows)
+    counts[y[there], x[there]] = 0
     # Few very busy pixels are no better than many that are busy.
     counts = np.sqrt(counts)
     places = []
     for _ in range(_PLACES):
-        place = _busiest(counts, config.roi_width, config.roi_height)
+        boxes = box_sums(counts, config.roi_width, config.roi_height)
+        place = np.unravel_index(int(boxes.argmax()), boxes.shape)[::-1]
         for _ in range(3):
             place = _centred(counts, place, config)
-        x, y = place
+        x, y = place = tuple(map(int, place))
         part = counts[y : y + config.roi_height, x : x + config.roi_width]
         if part.sum() < 30:
             break
@@ -284,12 +267,6 @@ def box_sums(counts, width, height):
     """Sums over all boxes of ``width`` × ``height`` pixels, by their top left ones: [rows − height + 1, …]."""
     sums = np.pad(counts, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     return sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width] + sums[:-height, :-width]
-
-
-def _busiest(counts, width, height):
-    boxes = box_sums(counts, width, height)
-    y, x = np.unravel_index(int(boxes.argmax()), boxes.shape)
-    return int(x), int(y)
 
 
 def _centred(counts, place, config):
