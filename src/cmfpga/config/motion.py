@@ -167,15 +167,6 @@ def needs(motion):
     return {"translation": {}, "similarity": beyond, "rotation": {**beyond, "undistortion": "on"}}[motion]
 
 
-def check_motion(config):
-    """Raise :exc:`ConfigError` where the hardware lacks what its motion builds on."""
-    for name, value in needs(config.motion).items():
-        if getattr(config, name) != value:
-            raise ConfigError(f"motion = {config.motion}: {name} = {value} is needed")
-    if config.motion != "translation" and max(config.roi_width, config.roi_height) < 16:
-        raise ConfigError(f"motion = {config.motion}: an ROI of at least 16 px along one side is needed")
-
-
 def check_lens(config):
     """The nine numbers of the camera by which a rotation is seen; :exc:`ConfigError` where there is none that fits."""
     if not config.lens:
