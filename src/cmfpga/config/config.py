@@ -88,13 +88,9 @@ class Config:
     background: int = _field(0, "1: the hardware has a filter of background activity", low=0, high=1)
     background_cell: int = _field(2, "cells of that filter are 2^background_cell px wide", low=1, high=6)
     background_us: int = _field(
-        0,
-        "drop events without one of another pixel of their cell in so many µs before them; 0: drop none",
-        unit="µs",
-        low=0,
-        high=(1 << 31) - 1,
-        runtime=True,
-    )
+        0, "drop events without one of another pixel of their cell in so many µs before them; 0: drop none",
+        **_US | {"high": (1 << 31) - 1},
+    )  # fmt: skip
 
     # Batches, or windows
     windows: str = _field(
