@@ -143,20 +143,16 @@ def parse_schedule(text, *, name, max_level, v, entries, motion="translation", l
 
     Parameters
     ----------
-    text : str
-        See above.
+    text, motion : str
+        See above; and the motion whose schedule it is.
     name : str
         ``cold``, ``warm``, ``follow`` or ``after``: for messages, and for ``auto``.
     max_level : int
         Largest level that the hardware has.
     v : Q
         Format of v: steps from its unit to half its range.
-    entries : int
-        Length of the hardware's table.
-    motion : str
-        Whose schedule it is.
-    least : int
-        Fewest iterations.
+    entries, least : int
+        Length of the hardware's table, and fewest iterations.
 
     Raises
     ------

@@ -51,12 +51,8 @@ def check_roi(config, roi, pixel=1):
         raise ConfigError(f"roi = {roi!r}: left column and top row, two whole numbers, are needed") from None
     if clamp_roi(config, (x // pixel, y // pixel))[1]:
         most = config.geometry.roi_x_max * pixel, config.geometry.roi_y_max * pixel
-        size, sensor = (
-            (config.roi_width * pixel, config.roi_height * pixel),
-            (config.sensor_width, config.sensor_height),
-        )
-        if config.pixel > pixel:
-            sensor = config.geometry.size
+        size = config.roi_width * pixel, config.roi_height * pixel
+        sensor = config.geometry.size if config.pixel > pixel else (config.sensor_width, config.sensor_height)
         raise ConfigError(
             f"ROI at {x},{y}: 0,0 to {most[0]},{most[1]} is needed for {size[0]}×{size[1]} px on a sensor of "
             f"{sensor[0]}×{sensor[1]} px"
@@ -271,19 +267,8 @@ def open_engine(name, config, *, option="engine"):
 def usual_preset(given, *, batches=False, engine="rtl", objects=1):
     """The preset of a track that names none: that whose windows slide, unless batches are asked for or needed.
 
-    Parameters
-    ----------
-    given : dict
-        Fields that the user gives.
-    batches : bool
-        The user asks for batches.
-    engine : str
-    objects : int
-
-    Returns
-    -------
-    str, str or None
-        The preset, and a note for the user where windows cannot slide.
+    ``given`` are the fields that the user gives; ``batches``: the user asks for them. Returns the preset, and a note
+    for the user where windows cannot slide, or None.
     """
     if batches:
         return DEFAULT_PRESET, None

@@ -17,41 +17,26 @@ STARTS = ("given", "last", "parent")
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """One row of the table: which events, and how their motion is looked for.
+    """One row of the table: which events, and how their motion is looked for."""
 
-    Parameters
-    ----------
-    x, y : int
-        Left column and top row of the region on the sensor, px; in the undistorted image, where there is a camera.
-    width, height : int
-        Its size, px; events are those whose nearest pixel lies in it. It may hang over the sensor's right and lower
-        edge.
-    margin : (int, int), optional
-        Columns and rows of the image to the left of it and above it, where votes of its events may go as well; by
-        default it lies in the image's middle.
-    start : str
-        One of :data:`STARTS`: of that which was measured, and was not degenerate. Else the region begins cold.
-    parent : int
-        Number of the region whose v is taken with ``start="parent"``; smaller than its own.
-    cold, warm : tuple of ScheduleEntry, optional
-        Iterations from the start velocity, and from another v; by default those of the batch's settings.
-    stride : int
-        Every so many of its events are stored: a power of two, up to 2^:data:`MOST_STRIDE`.
-    moves : bool
-        The region moves by roi_gain·v after each batch, within the sensor.
-    """
-
+    #: Left column and top row of the region on the sensor, px; in the undistorted image, where there is a camera.
     x: int
     y: int
+    #: Its size, px; events are those whose nearest pixel lies in it. It may hang over the sensor's right and lower
+    #: edge.
     width: int
     height: int
+    #: Columns and rows of the image to the left of it and above it, where votes of its events may go as well; by
+    #: default it lies in the image's middle.
     margin: tuple[int, int] | None = None
+    #: One of :data:`STARTS`: of that which was measured, and was not degenerate. Else the region begins cold.
     start: str = "given"
-    parent: int = 0
+    parent: int = 0  #: number of the region whose v is taken with ``start="parent"``; smaller than its own
+    #: Iterations from the start velocity, and from another v; by default those of the batch's settings.
     cold: tuple | None = None
     warm: tuple | None = None
-    stride: int = 1
-    moves: bool = False
+    stride: int = 1  #: every so many of its events are stored: a power of two, up to 2^:data:`MOST_STRIDE`
+    moves: bool = False  #: the region moves by roi_gain·v after each batch, within the sensor
 
     @classmethod
     def roi(cls, config, place, stride=1):
@@ -74,17 +59,18 @@ class Region:
     def check(self, config, number):
         """Raise :exc:`ConfigError` unless row ``number`` of the hardware's table can hold it."""
         where, frame = f"region {number}", (config.roi_width, config.roi_height)
-        size, sensor = (self.width, self.height), config.geometry.size
         if number >= config.regions:
             raise ConfigError(f"{where}: at most {config.regions} regions are allowed (regions)")
-        for name, axis, side, at, most in zip("xy", (self.x, self.y), size, self.corner(config), frame, strict=True):
+        places, sizes, sensor = (self.x, self.y), (self.width, self.height), config.geometry.size
+        axes = zip("xy", places, sizes, self.corner(config), frame, sensor, strict=True)
+        for name, place, side, at, most, end in axes:
             if side < 1 or at < 0 or at + side > most:
                 raise ConfigError(
                     f"{where}: {side} px along {name} from {at} of the image on: at most {most} px are allowed "
                     "(roi_width, roi_height)"
                 )
-            if not 0 <= axis < sensor["xy".index(name)]:
-                raise ConfigError(f"{where}: {name} = {axis}: 0 to {sensor['xy'.index(name)] - 1} is allowed")
+            if not 0 <= place < end:
+                raise ConfigError(f"{where}: {name} = {place}: 0 to {end - 1} is allowed")
         if self.start not in STARTS:
             raise ConfigError(f"{where}: start = {self.start!r}: one of {', '.join(STARTS)} is needed")
         if self.start == "parent" and not 0 <= self.parent < number:
@@ -156,7 +142,7 @@ class RegionTable:
 
     def __init__(self, config):
         self.config, self.regions, self._rows = config, [], []
-        self.names += tuple(leaf for leaf in leaves("row", row_shape(config)))
+        self.names += tuple(leaves("row", row_shape(config)))
 
     def forget(self):
         """The hardware holds nothing: all rows will be written, fresh."""
@@ -210,21 +196,11 @@ def tables(config, regions, settings):
     for number, region in enumerate(regions):
         region.check(config, number)
         begin = region.corner(config)
-        rows.append(
-            [
-                region.x,
-                region.y,
-                *begin,
-                begin[0] + region.width,
-                begin[1] + region.height,
-                STARTS.index(region.start),
-                region.parent,
-                *plan(region.cold, settings.cold),
-                *plan(region.warm, settings.warm),
-                region.stride.bit_length() - 1,
-                int(region.moves),
-            ]
-        )
+        rows.append([
+            region.x, region.y, *begin, begin[0] + region.width, begin[1] + region.height,
+            STARTS.index(region.start), region.parent, *plan(region.cold, settings.cold),
+            *plan(region.warm, settings.warm), region.stride.bit_length() - 1, int(region.moves),
+        ])  # fmt: skip
     if len(entries) > config.schedule_entries:
         raise ConfigError(
             f"schedules of the regions: {len(entries)} iterations; at most {config.schedule_entries} are allowed "
