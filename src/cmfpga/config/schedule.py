@@ -83,13 +83,8 @@ class Round(NamedTuple):
 def used(entry, iteration, n):
     """Which of ``n`` stored events an iteration uses: a slice.
 
-    Parameters
-    ----------
-    entry : ScheduleEntry
-    iteration : int
-        Its number in the batch, from 0. Successive ones begin at another event, the farthest first: 0, 2, 1, 3.
-    n : int
-        The stride is halved until it leaves :data:`FEWEST`, rounded down.
+    ``iteration`` is its number in the batch, from 0. Successive ones begin at another event, the farthest first: 0, 2,
+    1, 3. The stride is halved until it leaves :data:`FEWEST`, rounded down.
     """
     stride = entry.stride
     while stride > 1 and n < FEWEST * stride:

@@ -18,11 +18,9 @@ from ..protocol.settings import BatchSettings, clamp_roi
 from ..protocol.trace import Trace
 from ..verilog.compiler import CompilerError, cannot_compile
 
-#: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
-AXI = "axi"
-
-#: A board at a serial port, named behind a colon: ``serial:/dev/ttyUSB0``.
-SERIAL = "serial"
+#: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it; and a
+#: board at a serial port, named behind a colon: ``serial:/dev/ttyUSB0``.
+AXI, SERIAL = "axi", "serial"
 
 #: ``module:function`` that makes an engine of a configuration. It is loaded when it is asked for: only some need torch,
 #: and the accelerator's lies above this package.
@@ -67,11 +65,6 @@ def check_events(config, events):
                 f"{name} of an event is {values.max()}: 0 to {size - 1} is allowed on a sensor of "
                 f"{config.sensor_width}×{config.sensor_height} px (sensor_width, sensor_height)"
             )
-
-
-def batches_of(config):
-    """The configuration that takes batches where ``config`` has windows; others as they are."""
-    return config.replace(windows="batches", buffers=2, when_full="thin") if config.slides else config
 
 
 class Engine(ABC):
@@ -189,7 +182,7 @@ class Engine(ABC):
         if not self.config.slides:
             return self.run(events, settings)
         if self._batches is None:
-            self._batches = type(self)(batches_of(self.config))
+            self._batches = type(self)(self.config.replace(windows="batches", buffers=2, when_full="thin"))
         self._batches.write(self.regions, {0})
         return self._batches.run(events, BatchSettings.from_config(self._batches.config))
 

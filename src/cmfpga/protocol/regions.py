@@ -130,12 +130,7 @@ def row_shape(config):
 
 
 class RegionTable:
-    """A table of regions that is replaced between batches, and what of it the hardware does not hold yet.
-
-    Attributes
-    ----------
-    regions : list of Region
-    """
+    """A table of ``regions`` that is replaced between batches, and what of it the hardware does not hold yet."""
 
     #: Of a row to be written, in the order of :meth:`changes`.
     names = ("number", "fresh")
@@ -176,12 +171,7 @@ def tables(config, regions, settings):
     """What the hardware's tables hold for ``regions``: (rows, schedule).
 
     Rows are lists of the leaves of :func:`row_shape`; the schedule a list of :func:`~.settings.table_entry`, in which
-    every plan lies once.
-
-    Raises
-    ------
-    ConfigError
-        A region cannot be held, or the plans are longer than the table of schedules.
+    every plan lies once. Raises :exc:`ConfigError` where a region cannot be held, or the plans exceed the table.
     """
     places, entries = {}, []
 

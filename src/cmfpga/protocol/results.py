@@ -251,15 +251,9 @@ def not_judged(config):
 
 
 def decode(config, values, *more):
-    """``{name: value}`` of a result.
+    """``{name: value}`` of a result, of the raw ``values`` of its leaves.
 
-    Parameters
-    ----------
-    config : Config
-    values : dict of str to int
-        Raw values of the leaves: of the Verilog ports behind ``result_``, or of a result packet.
-    more : str
-        ``wrapper``, of a result packet.
+    Those are of the Verilog ports behind ``result_``, or of a result packet, which has the scope ``wrapper``, too.
     """
     found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more, config=config)}
     if Flag.DEGENERATE in found["flags"]:
@@ -277,10 +271,7 @@ def decode(config, values, *more):
 class RegionOutcome(record("_RegionFields", __name__, fields_of("region"))):
     """What came of one region of interest in a batch: the fields of :data:`RESULTS` with the scope ``region``.
 
-    Parameters
-    ----------
-    trace : cmfpga.protocol.trace.Trace, optional
-        The iterations; its last sums are ``sums`` unless they are given.
+    ``trace``, a :class:`cmfpga.protocol.trace.Trace`, has the iterations; its last sums are ``sums`` unless given.
     """
 
     trace: Any = field(default=None, repr=False)
@@ -300,13 +291,9 @@ class BatchResult(record("_BatchFields", __name__, fields_of("batch"))):
     While a batch has exactly one region, that region's fields are the outcome's too: ``outcome.v`` is
     ``outcome.regions[0].v``, ``BatchResult(events=…, v=…)`` makes the region, and ``dataclasses.replace`` replaces
     them. Of several regions, reading such a field raises :exc:`AttributeError`.
-
-    Parameters
-    ----------
-    regions : tuple of RegionOutcome
     """
 
-    regions: tuple
+    regions: tuple  # of RegionOutcome
     _more = ()  # scopes of a result packet beside those of the core
 
     def __init__(self, *, regions=None, **values):

@@ -273,13 +273,9 @@ class BatchSettings(record("_OfBatch", __name__, (s for s in SETTINGS if s.of_ba
 
     The fields are ``roi``, and those of :data:`SETTINGS` that tools choose: pairs have x and y; ``cold`` and ``warm``
     are the iterations without and with a last v, ``ScheduleEntry`` or ``Round`` each.
-
-    Parameters
-    ----------
-    roi : pair of int, or None
-        Left column and top row of the ROI in px; None leaves it where the last batch's update put it.
     """
 
+    #: Left column and top row of the ROI in px; None leaves it where the last batch's update put it.
     roi: tuple[int, int] | None
 
     @classmethod

@@ -50,16 +50,7 @@ def window_of(registers, name):
 
 
 def window_words(registers, name, values):
-    """``[(register, word)]`` that write a row, in order.
-
-    Parameters
-    ----------
-    registers : RegisterMap
-    name : str
-        Key of :data:`TABLES`.
-    values : dict of str to int
-        By the links of the registers' fields, all of them.
-    """
+    """``[(register, word)]`` that write a row of the table ``name``, in order; ``values`` by the fields' links, all."""
     return [
         (register, register.pack(**{f.name: values[f.link] for f in register.fields}))
         for register in window_of(registers, name)
