@@ -11,33 +11,15 @@ from .schedule import ScheduleEntry
 
 @dataclass(frozen=True, kw_only=True)
 class AscentRule:
-    """How v ascends.
+    """How v ascends."""
 
-    Attributes
-    ----------
-    settings : tuple of str
-        The settings of a batch that only this ascent reads.
-    fields : tuple of str
-        The fields of the configuration that only it reads, the settings among them.
-    cycles : int
-        Clock cycles from a gradient to the new v; of rounds those that do not depend on the formats.
-    needs : tuple of (str, values)
-        Fields of the configuration, and the values without which it does not work.
-    has_table : bool
-        Whether a table of schedules says what each iteration does.
-    evaluations : int
-        Of the image in an iteration.
-    strides : bool
-        Whether an iteration may leave out events.
-    """
-
-    settings: tuple
-    fields: tuple
-    cycles: int
-    needs: tuple = ()
-    has_table: bool = True
-    evaluations: int = 1
-    strides: bool = False
+    settings: tuple  # of a batch, that only this ascent reads
+    fields: tuple  # of the configuration, that only it reads, the settings among them
+    cycles: int  # from a gradient to the new v, of the clock; of rounds those that do not depend on the formats
+    needs: tuple = ()  # ((field of the configuration, values), …) without which it does not work
+    has_table: bool = True  # a table of schedules says what each iteration does
+    evaluations: int = 1  # of the image in an iteration
+    strides: bool = False  # an iteration may leave out events
 
     def latency(self, config):
         """Clock cycles from a gradient, or from a round's last, to the new v."""

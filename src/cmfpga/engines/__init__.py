@@ -73,37 +73,25 @@ class Engine(ABC):
     A core of one ROI has a table of one row. That row is as large as the image, and it moves
     (:meth:`Region.roi <cmfpga.protocol.regions.Region.roi>`); after a reset it lies at 0, 0.
 
-    Parameters
-    ----------
-    config : Config
-        Shapes the hardware. Run-time values come with each run.
-
-    Attributes
-    ----------
-    name : str
-        As on the command line.
-    note : str
-        What the user should know about how this engine runs; may be empty.
-    regions : list of Region
-        The table.
-    places : list of pair of int
-        Left column and top row, px, with which each region crops the next events.
-    cycles : int or None
-        Clock cycles of the last run, of all its regions; None without a clock, or without events.
+    ``config`` shapes the hardware; run-time values come with each run.
     """
 
-    name = ""
-    note = ""
+    name = ""  #: as on the command line
+    note = ""  #: what the user should know about how this engine runs; may be empty
     result, traced = BatchResult, True  # kind of the results, and whether they have a trace
 
     def __init__(self, config):
-        self.config, self.regions, self.cycles, self._batches = config, [], None, None
+        self.config, self._batches = config, None
+        self.regions = []  #: the table: list of Region
+        #: Clock cycles of the last run, of all its regions; None without a clock, or without events.
+        self.cycles = None
         self.forget()
 
     def forget(self):
         """Return to the state after a reset: each row where it was written, a core's ROI at 0, 0."""
         if not self.config.regions:
             self.regions = [Region.roi(self.config, (0, 0))]
+        #: Left column and top row, px, with which each region crops the next events.
         self.places = [(row.x, row.y) for row in self.regions]
         self._last, self._loads, self._begun = [None] * len(self.regions), False, None
 
@@ -131,16 +119,11 @@ class Engine(ABC):
         self.regions = regions
 
     def run(self, events, settings):
-        """Process events.
+        """Process events: one batch; with ``slices`` one slice; where windows slide any number.
 
-        Parameters
-        ----------
-        events : Events
-            One batch; with ``slices`` one slice; where windows slide any number.
-        settings : BatchSettings
-            Run-time inputs. ``roi`` writes the row of a core of one ROI anew. A table of regions reads neither that
-            nor ``thinning``, ``thin_target`` and ``start_last``. Where windows slide, all are taken over when the row
-            is written anew.
+        ``settings``, a :class:`~cmfpga.protocol.settings.BatchSettings`, are run-time inputs. ``roi`` writes the row of
+        a core of one ROI anew. A table of regions reads neither that nor ``thinning``, ``thin_target`` and
+        ``start_last``. Where windows slide, all are taken over when the row is written anew.
 
         Returns
         -------
