@@ -29,21 +29,38 @@ _DROPPED = ("time_back", "time_span", "hot", "noise")  # counts of a result
 class Flow:
     """The flow of all windows, in arrays, which grow by some kB a window.
 
-    ``recording`` and ``engine`` are names; ``fit`` is one of :data:`~.fields.MODELS`, or None.
+    Parameters
+    ----------
+    config : Config
+    tiles : Tiles
+    recording, engine : str
+        Their names.
+    fit : str or None
+        One of :data:`~.fields.MODELS`.
+
+    Attributes
+    ----------
+    leftover : int
+        Events after the last window.
+    limited : bool
+        The windows would be longer, had the hardware room for their events.
+    outside, dropped : int
+        Events off the undistorted image, in no tile; and those that the hardware dropped: time stepped back, noise.
+    passed_over : int
+        Slices without events, which are in no window.
+    cycles : list of int
+        Clock cycles of each window with events; empty of engines without a clock.
+    moved : list of float
+        Motion of the image in each window, px per half window; NaN where too few tiles are trusted.
+    fields : list of Field
+        The fits of each window; of None without one.
     """
 
     def __init__(self, config, tiles, recording, engine, fit=None):
         self.config, self.tiles, self.engine, self.model = config, tiles, engine, fit
         self.recording = Path(recording).name
-        self.leftover = 0  #: events after the last window
-        self.limited = False  #: the windows would be longer, had the hardware room for their events
-        #: Events off the undistorted image, in no tile; and those that the hardware dropped: time stepped back, noise.
-        self.outside = self.dropped = 0
-        self.passed_over = 0  #: slices without events, which are in no window
-        self.cycles = []  #: clock cycles of each window with events; empty of engines without a clock
-        #: Motion of the image in each window, px per half window; NaN where too few tiles are trusted.
-        self.moved = []
-        self.fields = []  #: the fit of each window, a Field; None without one
+        self.leftover, self.limited, self.moved, self.fields = 0, False, [], []
+        self.outside, self.dropped, self.passed_over, self.cycles = 0, 0, 0, []
         names = (name for name, column in COLUMNS.items() if column.shape.startswith("[W"))
         self._kept = {name: [] for name in names if fit or COLUMNS[name].value}
 

@@ -17,26 +17,41 @@ STARTS = ("given", "last", "parent")
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """One row of the table: which events, and how their motion is looked for."""
+    """One row of the table: which events, and how their motion is looked for.
 
-    #: Left column and top row of the region on the sensor, px; in the undistorted image, where there is a camera.
+    Parameters
+    ----------
+    x, y : int
+        Left column and top row of the region on the sensor, px; in the undistorted image, where there is a camera.
+    width, height : int
+        Its size, px; events are those whose nearest pixel lies in it. It may hang over the sensor's right and lower
+        edge.
+    margin : (int, int), optional
+        Columns and rows of the image to the left of it and above it, where votes of its events may go as well; by
+        default it lies in the image's middle.
+    start : str
+        One of :data:`STARTS`: of that which was measured, and was not degenerate. Else the region begins cold.
+    parent : int
+        Number of the region whose v is taken with ``start="parent"``; smaller than its own.
+    cold, warm : tuple of ScheduleEntry, optional
+        Iterations from the start velocity, and from another v; by default those of the batch's settings.
+    stride : int
+        Every so many of its events are stored: a power of two, up to 2^:data:`MOST_STRIDE`.
+    moves : bool
+        The region moves by roi_gain·v after each batch, within the sensor.
+    """
+
     x: int
     y: int
-    #: Its size, px; events are those whose nearest pixel lies in it. It may hang over the sensor's right and lower
-    #: edge.
     width: int
     height: int
-    #: Columns and rows of the image to the left of it and above it, where votes of its events may go as well; by
-    #: default it lies in the image's middle.
     margin: tuple[int, int] | None = None
-    #: One of :data:`STARTS`: of that which was measured, and was not degenerate. Else the region begins cold.
     start: str = "given"
-    parent: int = 0  #: number of the region whose v is taken with ``start="parent"``; smaller than its own
-    #: Iterations from the start velocity, and from another v; by default those of the batch's settings.
+    parent: int = 0
     cold: tuple | None = None
     warm: tuple | None = None
-    stride: int = 1  #: every so many of its events are stored: a power of two, up to 2^:data:`MOST_STRIDE`
-    moves: bool = False  #: the region moves by roi_gain·v after each batch, within the sensor
+    stride: int = 1
+    moves: bool = False
 
     @classmethod
     def roi(cls, config, place, stride=1):
