@@ -35,15 +35,12 @@ def follow(recording, engine="model", config=PAPER, **options):
 # ---------------------------------------------------------------- the name
 
 
-def test_the_package_shows_what_it_has():
+def test_the_package_shows_what_it_has_and_help_can_tell_its_arguments():
     assert {"track", "Tracker", "flow", "Events"} <= {*dir(cmfpga)} and callable(cmfpga.track)
     with pytest.raises(AttributeError, match="nonsense"):
         _ = cmfpga.nonsense
-
-
-def test_help_can_tell_its_arguments():
-    assert list(inspect.signature(cmfpga.track).parameters)[:4] == ["recording", "roi", "preset", "engine"]
-    assert inspect.signature(cmfpga.track).parameters["preset"].default is None
+    parameters = inspect.signature(cmfpga.track).parameters
+    assert [*parameters][:4] == ["recording", "roi", "preset", "engine"] and parameters["preset"].default is None
     assert "roi : (int, int)" in cmfpga.track.__doc__
 
 

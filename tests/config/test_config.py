@@ -204,6 +204,16 @@ def test_fields_that_do_not_go_together(changes, message):
         ("1,2;240,4", "pixel 240,4: 0,0 to 239,179 is needed"),
         ("²,4", "'²,4': X,Y of a pixel is needed, pixels separated by ';'"),
     )),
+    ({"units": 3}, "units = 3: regions of 1 or more are needed"),
+    ({"store_style": "ultra"}, "store_style = ultra: regions of 1 or more are needed"),
+    ({"regions": 2}, "regions = 2: gradient = one_pass is needed"),
+    (ROUNDS | {"regions": 2}, "regions = 2: buffers = 2 is needed"),
+    ({**MANY, "regions": 2, "thinning": 2}, "regions = 2: thinning: each region has a stride of its own instead"),
+    ({**MANY, "regions": 2, "max_batch_events": 300000},
+     "max_batch_events = 300000: at most 262144 are allowed, for the store holds them all"),
+    (preset("rotation").to_dict() | {"regions": 2},
+     "regions = 2: motion = rotation: a region sees too little of the field to tell a turn from a shift; "
+     "cmfpga flow --fit rotation finds it from all regions of a translation"),
 ])  # fmt: skip
 def test_refusals_word_by_word(changes, message):
     assert refusal(**changes) == message
@@ -344,23 +354,6 @@ def test_every_hardware_field_does(name):
 
 
 REGIONS = Config(**MANY, regions=2)
-
-
-@pytest.mark.parametrize("base, changes, message", [
-    (Config(), {"units": 3}, "units = 3: regions of 1 or more are needed"),
-    (Config(), {"store_style": "ultra"}, "store_style = ultra: regions of 1 or more are needed"),
-    (Config(), {"regions": 2}, "regions = 2: gradient = one_pass is needed"),
-    (REGIONS, {"buffers": 1}, "regions = 2: buffers = 2 is needed"),
-    (REGIONS, {"thinning": 2}, "regions = 2: thinning: each region has a stride of its own instead"),
-    (REGIONS, {"max_batch_events": 300000},
-     "max_batch_events = 300000: at most 262144 are allowed, for the store holds them all"),
-    (preset("rotation"), {"regions": 2},
-     "regions = 2: motion = rotation: a region sees too little of the field to tell a turn from a shift; "
-     "cmfpga flow --fit rotation finds it from all regions of a translation"),
-])  # fmt: skip
-def test_what_regions_need(base, changes, message):
-    with pytest.raises(ConfigError, match=f"^{re.escape(message)}$"):
-        base.replace(**changes)
 
 
 def test_the_pages_of_the_store_suffice_for_any_batch():
