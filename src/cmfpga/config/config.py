@@ -3,8 +3,6 @@
 A :class:`Config` is frozen and validated on construction. Fields marked *run-time* only set the value that the
 tools write to an input of the hardware before a batch; all others shape the hardware itself. Everything
 derived from the fields is a property, so that no width is written twice.
-
-This module imports neither Amaranth nor NumPy nor torch.
 """
 
 import dataclasses

@@ -6,8 +6,6 @@ numbers mean, and what they do not see: docs/rounds.md.
 
 A motion beyond translation is evaluated once more for each of its parameters, :data:`PROBE` px nearer to 0. What counts
 is the parameter along which the gradient falls the least, which is compared with Σ I².
-
-Imports neither Amaranth nor NumPy.
 """
 
 from math import hypot, sqrt

@@ -12,8 +12,6 @@ the packet ends here. Numbers of several bytes are little-endian.
 Arguments: of :data:`HELLO` none, it makes the board forget the last number; of :data:`READ` a byte address (2); of
 :data:`WRITE` a byte address (2) and a word (4); of :data:`EVENTS` 32-bit words of events (4 each), of which two make a
 beat of 64 bits, the lower one first; :data:`EVENTS_LAST` is the same with TLAST behind them.
-
-Imports neither Amaranth nor NumPy.
 """
 
 import binascii

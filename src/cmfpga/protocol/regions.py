@@ -1,7 +1,4 @@
-"""The table of regions: what each row says, and as what the hardware holds it.
-
-Imports neither Amaranth nor NumPy.
-"""
+"""The table of regions: what each row says, and as what the hardware holds it."""
 
 from dataclasses import dataclass
 

@@ -2,8 +2,6 @@
 
 The core's output, its Verilog ports, the result packet, registers and counters, :class:`BatchResult` and the tables of
 the documentation follow from that table. How to add a field: docs/adding.md.
-
-Imports neither Amaranth nor NumPy.
 """
 
 import dataclasses

@@ -2,8 +2,6 @@
 
 The core's inputs, its Verilog ports, the registers, :class:`BatchSettings` and the tables of the documentation follow
 from that table. How to add a setting: docs/adding.md.
-
-Imports neither Amaranth nor NumPy.
 """
 
 from collections.abc import Callable

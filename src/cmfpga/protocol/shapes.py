@@ -2,8 +2,6 @@
 
 A shape is a :class:`~cmfpga.fixed.Q`, or a dictionary of shapes by the names of the parts: ``{"x": Q, "y": Q}``. A leaf
 is a part that is a ``Q``; its name has the names on the way to it, joined by ``_``, as the Verilog ports have.
-
-Imports neither Amaranth nor NumPy.
 """
 
 import dataclasses

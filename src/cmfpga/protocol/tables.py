@@ -3,8 +3,6 @@
 Each window has the members of what fills the hardware's table: :func:`cmfpga.rtl.regions.payloads.row_write`,
 :func:`cmfpga.rtl.payloads.node_write`, :func:`cmfpga.rtl.payloads.mask_write`. The last register says which row it is;
 a write to it writes the row.
-
-Imports neither Amaranth nor NumPy.
 """
 
 from .regions import ROW

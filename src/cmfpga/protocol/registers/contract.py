@@ -1,7 +1,4 @@
-"""Registers that follow from the tables of settings and results, and the counters.
-
-Imports neither Amaranth nor NumPy.
-"""
+"""Registers that follow from the tables of settings and results, and the counters."""
 
 from ..results import COUNTS, RESULTS, counts_of
 from ..settings import SETTINGS, with_background, with_hot_pixels, with_windows

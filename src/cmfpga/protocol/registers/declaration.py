@@ -3,8 +3,6 @@
 The first 16 bytes are those of an AMD HLS block (``ap_ctrl_hs``; UG1399), with two differences that are said at the
 fields: ``DONE`` and the bits of ``ISR`` are cleared by writing 1, and reading never changes anything.
 Offsets are the same for every configuration; what a configuration has no use for is left out.
-
-Imports neither Amaranth nor NumPy.
 """
 
 from ... import __version__

@@ -10,10 +10,7 @@ from ...errors import write_text
 from .layout import ACCESS
 
 #: What PeakRDL writes: file or folder, and what it is.
-BY_PEAKRDL = {
-    "registers.xml": "IP-XACT (IEEE 1685-2009)",
-    "registers-html/index.html": "HTML",
-}
+BY_PEAKRDL = {"registers.xml": "IP-XACT (IEEE 1685-2009)", "registers-html/index.html": "HTML"}
 
 # Of IP-XACT, as Vivado's `ipx` commands take it.
 _IPX_ACCESS = {"constant": "read-only", "status": "read-only", "written": "write-only", "command": "write-only"}

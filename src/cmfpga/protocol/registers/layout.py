@@ -1,7 +1,4 @@
-"""What a register map is made of: fields, registers, and the map that finds them by name.
-
-Imports neither Amaranth nor NumPy, so that a driver on the board can use it.
-"""
+"""What a register map is made of: fields, registers, and the map that finds them by name."""
 
 from dataclasses import dataclass, field
 from functools import cached_property, partial
