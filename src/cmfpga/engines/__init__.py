@@ -67,6 +67,11 @@ def check_events(config, events):
             )
 
 
+def batches_of(config):
+    """The configuration that takes batches where ``config`` has windows; others as they are."""
+    return config.replace(windows="batches", buffers=2, when_full="thin") if config.slides else config
+
+
 class Engine(ABC):
     """Runs events, and keeps what the hardware keeps between runs: v and place of each region of its table.
 
@@ -165,7 +170,7 @@ class Engine(ABC):
         if not self.config.slides:
             return self.run(events, settings)
         if self._batches is None:
-            self._batches = type(self)(self.config.replace(windows="batches", buffers=2, when_full="thin"))
+            self._batches = type(self)(batches_of(self.config))
         self._batches.write(self.regions, {0})
         return self._batches.run(events, BatchSettings.from_config(self._batches.config))
 
