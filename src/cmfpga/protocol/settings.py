@@ -20,10 +20,6 @@ by_signs, with_confidence, with_hot_pixels, with_background, with_windows, with_
 )
 
 
-def by_gradient(config):
-    return not config.ascent_rule.has_table
-
-
 def with_undistortion(config):
     return config.undistortion == "on"
 
@@ -194,10 +190,10 @@ SETTINGS = (
             high=lambda c: c.widths.thinning_max, shown=with_one_roi, places=(Place(word=11),)),
     Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0, shown=with_one_roi,
             when=in_batches, places=(Place(word=12),)),
-    Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,
+    Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=lambda c: not by_signs(c),
             # The sign ascent does not read it: the hardware may then count to less than the default.
             asked=lambda c: min(c.iterations, c.max_iterations), places=(Place(word=13),)),
-    Setting(name="eta", field="eta", shape=lambda c: c.formats.eta, shown=by_gradient,
+    Setting(name="eta", field="eta", shape=lambda c: c.formats.eta, shown=lambda c: not by_signs(c),
             doc="step of the gradient ascent, raw", places=(Place(word=14),)),
     Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain,
             shown=lambda c: any(parameter.moves_roi for parameter in c.motion_model.parameters),
