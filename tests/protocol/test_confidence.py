@@ -25,7 +25,7 @@ from cmfpga.protocol.confidence import (
     kept,
     least_fall,
     probes_towards_zero,
-)  # fmt: skip
+)
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import RegionOutcome
 from support.values import required
