@@ -128,13 +128,16 @@ def test_a_broken_block_is_noticed(name, rng, monkeypatch):
     module, old, new, which = MUTANTS[name]
     break_blocks(monkeypatch, module, old, new)
     config = CONFIGS[which]
-    simulated, model, right = AmaranthEngine(config), make_engine("model", config), True
-    for roi in ((3, 4), (20, 14), (11, 9)):
+    simulated, model = AmaranthEngine(config), make_engine("model", config)
+
+    def equal(roi):
         x, y = roi[0] + rng.integers(-3, 19, 100), roi[1] + rng.integers(-3, 15, 100)
         events = Events(np.arange(100) * 9, x.clip(0, 44), y.clip(0, 39), np.zeros(100))
         settings = settings_of(config, roi, camera=LENS, iterations=2, eta=900)
-        right &= dataclasses.replace(simulated.run(events, settings)[0], cycles=None) == model.run(events, settings)[0]
-    assert not right
+        return dataclasses.replace(simulated.run(events, settings)[0], cycles=None) == model.run(events, settings)[0]
+
+    # By chance a fraction changes nothing in a batch, or in a few.
+    assert not all(map(equal, ((3, 4), (20, 14), (11, 9)) * 4))
 
 
 def test_without_a_camera_it_is_the_hardware_without_undistortion(rng):
