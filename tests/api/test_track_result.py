@@ -35,15 +35,12 @@ def follow(recording, engine="model", config=PAPER, **options):
 # ---------------------------------------------------------------- the name
 
 
-def test_the_package_shows_what_it_has():
+def test_the_package_shows_what_it_has_and_help_can_tell_its_arguments():
     assert {"track", "Tracker", "flow", "Events"} <= {*dir(cmfpga)} and callable(cmfpga.track)
     with pytest.raises(AttributeError, match="nonsense"):
         _ = cmfpga.nonsense
-
-
-def test_help_can_tell_its_arguments():
-    assert list(inspect.signature(cmfpga.track).parameters)[:4] == ["recording", "roi", "preset", "engine"]
-    assert inspect.signature(cmfpga.track).parameters["preset"].default is None
+    parameters = inspect.signature(cmfpga.track).parameters
+    assert [*parameters][:4] == ["recording", "roi", "preset", "engine"] and parameters["preset"].default is None
     assert "roi : (int, int)" in cmfpga.track.__doc__
 
 
@@ -94,11 +91,16 @@ def test_data_frame(dot):
     assert pandas.isna(frame["cycles"]).all()
 
 
-def test_data_frame_without_pandas(dot, monkeypatch):
+@pytest.mark.parametrize("library, extra, call", [
+    ("pandas", "pandas", lambda tracking: tracking.to_pandas()),
+    ("torch", "reference", lambda tracking: tracking.trace(0)),
+])  # fmt: skip
+def test_what_is_not_installed_is_asked_for(dot, monkeypatch, library, extra, call):
     tracking = follow(dot, batches=1)
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ConfigError, match=r"pip install 'cmfpga\[pandas\]'"):
-        tracking.to_pandas()
+    monkeypatch.delitem(sys.modules, "cmfpga.tracking.trace")
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ConfigError, match=rf"pip install 'cmfpga\[{extra}\]'"):
+        call(tracking)
 
 
 def test_plot_is_the_picture_of_the_command(dot, tmp_path):
@@ -186,26 +188,18 @@ def test_mistakes_with_what_is_tracked(dot_events, tmp_path):
 # ---------------------------------------------------------------- traces
 
 
-@pytest.mark.parametrize(
-    "config",
-    [PAPER, {**FAST, "cold_after_doubtful": 0}],
-    ids=["paper", "fast"],
-)
+@pytest.mark.parametrize("config", [PAPER, {**FAST, "cold_after_doubtful": 0}], ids=["paper", "fast"])
 @pytest.mark.parametrize("engine", ["rtl", "model"])
 def test_every_intermediate_is_that_of_the_model(dot, engine, config):
     """Of the integer core itself, run over the same batches and asked to keep everything."""
     tracking = follow(dot, engine, config)
-    core = IntegerCore(tracking.config)
-    steps = tracking.config
-    start = (8, 9)
-    iterations = 0
+    steps, start, iterations = tracking.config, (8, 9), 0
+    core, each = IntegerCore(steps), steps.ascent_rule.evaluations
     with open_recording(dot) as recording:
         for batch in range(len(tracking)):
             events = next(recording.chunks(90 * batch, 90))
             core.run(events.t, events.x, events.y, BatchSettings.from_config(steps, start), keep=True)
-            start = None
-            trace = tracking.trace(batch)
-            each = steps.ascent_rule.evaluations
+            start, trace = None, tracking.trace(batch)
             assert len(trace) == len(core.iterations) == each * tracking.iterations[batch]
             np.testing.assert_array_equal(trace.v[-1], tracking.results[batch].v)
             if len(trace):
@@ -223,9 +217,8 @@ def test_every_intermediate_is_that_of_the_model(dot, engine, config):
                 assert got.sum_i == got.iwe.sum() and got.s[1] == (got.iwe * got.iwe_dy).sum()
                 iterations += 1
     assert iterations > 20
-    assert {level for batch in range(6) for level in tracking.trace(batch).levels} == (
-        {0} if config is PAPER else {0, 1, 2}
-    )
+    levels = {level for batch in range(6) for level in tracking.trace(batch).levels}
+    assert levels == ({0} if config is PAPER else {0, 1, 2})
 
 
 def test_images_are_those_that_the_verilog_sweeps(dot):
@@ -233,15 +226,13 @@ def test_images_are_those_that_the_verilog_sweeps(dot):
     tracking = follow(dot, "rtl")
     from cmfpga.verilog.simulation import VerilatedCore
 
-    core = VerilatedCore(tracking.config)
-    start = (8, 9)
+    core, start = VerilatedCore(tracking.config), (8, 9)
     with open_recording(dot) as recording:
         for batch in range(3):
             events = next(recording.chunks(90 * batch, 90))
             settings = settings_values(tracking.config, BatchSettings.from_config(tracking.config, start))
             _, _, pixels = core.run(events.t, events.x, events.y, settings, keep_pixels=True)
-            start = None
-            trace = tracking.trace(batch)
+            start, trace = None, tracking.trace(batch)
             assert len(pixels) == len(trace) == 15
             for k, banks in enumerate(pixels.reshape(15, 4, 4, 4, 3)):
                 for member, name in enumerate(("iwe", "iwe_dx", "iwe_dy")):
@@ -255,8 +246,7 @@ def test_images_are_those_that_the_verilog_sweeps(dot):
 @pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"])
 def test_every_intermediate_of_the_float_engine(dot, config):
     tracking = follow(dot, "float", config)
-    trace = tracking.trace(1)
-    result = tracking.results[1]
+    trace, result = tracking.trace(1), tracking.results[1]
     size = {"width": 8, "height": 8, "border": tracking.config.border}
     events = (torch.from_numpy(trace.x_dithered), torch.from_numpy(trace.y_dithered), torch.from_numpy(trace.dt))
     assert np.abs(trace.dt).max() <= 1
@@ -279,13 +269,9 @@ def test_every_intermediate_of_the_float_engine(dot, config):
 @pytest.mark.parametrize("changes", [{"thinning": 3}, {"thin_target": 12}, {"buffer_events": 16}, {"start": "zero"}])
 def test_what_the_engine_left_out_is_left_out(dot, engine, changes):
     tracking = follow(dot, engine, FAST, **changes)
-    found = 0
-    for batch, result in enumerate(tracking.results):
-        trace = tracking.trace(batch)
-        assert len(trace.t) == len(trace.dt) == result.roi_events
-        for k in range(len(trace)):
-            found += len(trace[k].x) == result.roi_events
-    assert found > 10
+    traces = [(tracking.trace(batch), result.roi_events) for batch, result in enumerate(tracking.results)]
+    assert all(len(trace.t) == len(trace.dt) == count for trace, count in traces)
+    assert sum(len(trace[k].x) == count for trace, count in traces for k in range(len(trace))) > 10
     if "start" not in changes:
         assert any(flag in result.flags for result in tracking.results for flag in (Flag.THINNED, Flag.OVERFLOW))
 
@@ -310,8 +296,7 @@ def test_batches_without_events_or_motion(dot_events):
 @pytest.mark.parametrize("engine", ["model", "float"])
 def test_after_a_degenerate_batch_the_ascent_begins_cold(dot_events, engine):
     """All events of batch 2 lie far from the ROI."""
-    x = np.where(np.arange(600) // 90 == 2, 0, dot_events.x)
-    y = np.where(np.arange(600) // 90 == 2, 0, dot_events.y)
+    x, y = (np.where(np.arange(600) // 90 == 2, 0, at) for at in (dot_events.x, dot_events.y))
     elsewhere = Events(dot_events.t, x, y, dot_events.p)
     options = {"start": "last", "min_roi_events": 10, "cold_after_doubtful": 0, "hot_pixels": 0}
     tracking = follow(elsewhere, engine, FAST, sensor=(32, 24), **options)
@@ -349,11 +334,3 @@ def test_other_settings_than_the_engines_are_noticed(dot):
         with pytest.raises(RecordingError, match="changed"):
             for k in range(len(wrong)):
                 _ = wrong[k]
-
-
-def test_trace_asks_for_torch(dot, monkeypatch):
-    tracking = follow(dot, batches=1)
-    monkeypatch.delitem(sys.modules, "cmfpga.tracking.trace")
-    monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(ConfigError, match=r"pip install 'cmfpga\[reference\]'"):
-        tracking.trace(0)

@@ -27,7 +27,7 @@ def random_events(rng, count):
 def test_round_trip(form, swap, rng):
     events = random_events(rng, 3000)
     words = encode(events, form, swap=swap)
-    assert words.dtype == np.uint64
+    assert words.dtype == np.uint64 and len(encode(Events.empty(), form, swap=swap)) == 0
     tokens, counts = decode(CONFIG, to_beats(words, last=False), form, swap=swap)
     assert not sum(counts.values()) and all(token.known and token.event for token in tokens)
     got = np.array([(token.t, token.x, token.y) for token in tokens])
@@ -71,24 +71,16 @@ def test_by_hand():
     words = encode_evt20(t, x, y, p).view("<u4").tolist()
     assert words == [8 << 28 | time, 1 << 28 | low << 22 | 5 << 11 | 7, 8 << 28 | later, low << 22 | 6 << 11 | 8]
     words = encode_evt21(t, x, y, p).tolist()
-    assert words == [
-        8 << 60 | time << 32, 1 << 60 | low << 54 | 7 << 32 | 1 << 5, 8 << 60 | later << 32,
-        low << 54 | 8 << 32 | 1 << 6,
-    ]  # fmt: skip
-    assert encode(Events(t, x, y, p), "PACKED").tolist() == [
-        0x12345 << 32 | 1 << 31 | 7 << 16 | 5, (0x12345 + 64) << 32 | 8 << 16 | 6
-    ]  # fmt: skip
+    first, second = 1 << 60 | low << 54 | 7 << 32 | 1 << 5, low << 54 | 8 << 32 | 1 << 6
+    assert words == [8 << 60 | time << 32, first, 8 << 60 | later << 32, second]
+    packed = encode(Events(t, x, y, p), "PACKED").tolist()
+    assert packed == [0x12345 << 32 | 1 << 31 | 7 << 16 | 5, (0x12345 + 64) << 32 | 8 << 16 | 6]
 
 
 def test_packed_words_are_a_c_struct():
     words = encode(Events([1, 2], [3, 4], [5, 6], [0, 0]), "PACKED")
     struct = np.dtype([("x", "<u2"), ("y", "<u2"), ("t", "<u4")])
     assert words.astype("<u8").view(struct).tolist() == [(3, 5, 1), (4, 6, 2)]
-
-
-@pytest.mark.parametrize("form", FORMATS)
-def test_no_events(form):
-    assert len(encode(Events.empty(), form)) == 0
 
 
 def test_an_odd_word_is_filled_up():
@@ -142,23 +134,26 @@ def _last_time(words):
     return words[np.maximum.accumulate(position)]
 
 
-def test_files_of_other_formats(tmp_path):
-    (tmp_path / "a.raw").write_bytes(b"% evt 4.0\n% end\n")
-    with pytest.raises(RecordingError, match=r"none of evt 2\.0, 2\.1 and 3\.0"):
+WORD = (0x8000000100000000).to_bytes(8, "little")
+
+
+@pytest.mark.parametrize("content, message", [
+    (b"% evt 4.0\n% end\n", r"none of evt 2\.0, 2\.1 and 3\.0"), (None, "No such file"),
+    (b"% evt 2.0", "without an end"),
+])  # fmt: skip
+def test_files_of_other_formats(tmp_path, content, message):
+    if content:
+        (tmp_path / "a.raw").write_bytes(content)
+    with pytest.raises(RecordingError, match=message):
         read_raw(tmp_path / "a.raw")
-    with pytest.raises(RecordingError, match="No such file"):
-        read_raw(tmp_path / "none.raw")
 
 
-def test_headers(tmp_path):
-    path = tmp_path / "a.raw"
-    word = (0x8000000100000000).to_bytes(8, "little")
-    path.write_bytes(b"% evt 2.1\n% end\n" + word + b"%%%")
-    assert read_raw(path)[0] == "EVT21" and read_raw(path)[1].tolist() == [0x8000000100000000]
-    path.write_bytes(b"% format EVT2.1;height=720\n" + word)
-    assert read_raw(path)[0] == "EVT21"
-    path.write_bytes(b"% evt 2.0\n" + word[:4])
-    assert read_raw(path)[1].view("<u4").tolist() == [0, 0xFFFFFFFF]
-    path.write_bytes(b"% evt 2.0")
-    with pytest.raises(RecordingError, match="without an end"):
-        read_raw(path)
+@pytest.mark.parametrize("content, form, words", [
+    (b"% evt 2.1\n% end\n" + WORD + b"%%%", "EVT21", [0, 0x80000001]),
+    (b"% format EVT2.1;height=720\n" + WORD, "EVT21", [0, 0x80000001]),
+    (b"% evt 2.0\n" + WORD[:4], "EVT20", [0, 0xFFFFFFFF]),
+])  # fmt: skip
+def test_headers(tmp_path, content, form, words):
+    (tmp_path / "a.raw").write_bytes(content)
+    found, read = read_raw(tmp_path / "a.raw")
+    assert (found, read.view("<u4").tolist()) == (form, words)

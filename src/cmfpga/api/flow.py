@@ -105,8 +105,7 @@ class Flow:
         kept = self._kept
         measured = sum(int(np.isfinite(v[:, 0]).sum()) for v in kept["v"])
         trusted = sum(int(one.sum()) for one in kept["trusted"])
-        speeds = [np.hypot(*v[one].T) for v, one in zip(kept["v"], kept["trusted"], strict=True)]
-        speeds = np.concatenate(speeds)
+        speeds = np.concatenate([np.hypot(*v[one].T) for v, one in zip(kept["v"], kept["trusted"], strict=True)])
         return {
             "recording": self.recording,
             "engine": self.engine,
@@ -213,23 +212,10 @@ def flow(
 
 
 def configure(source, preset, fields, tile, step, option):
-    """The configuration and the table of regions for a source.
+    """The configuration and the table of regions for a source: :class:`Config`, :class:`Tiles`, and notes for the user.
 
-    Parameters
-    ----------
-    source : EventSource
-    preset : str
-    fields : dict
-        Given ones, which go before what the source says.
-    tile, step : int
-        As of :func:`~.tiles.fitting`.
-    option : callable
-        ``option(name)``: how a user says ``sensor`` or ``time_unit``.
-
-    Returns
-    -------
-    Config, Tiles, list of str
-        And notes for the user. Raises :exc:`ConfigError`.
+    ``fields`` are given ones, which go before what the source says. ``tile`` and ``step`` are as of
+    :func:`~.tiles.fitting`. ``option(name)`` is how a user says ``sensor`` or ``time_unit``. Raises :exc:`ConfigError`.
     """
     if is_live(source) if not isinstance(source, EventSource) else not source.seekable:
         raise ConfigError(f"{source.name}: a stream; a recording is needed")

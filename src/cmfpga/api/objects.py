@@ -19,32 +19,11 @@ from ..tracking.verdict import Verdict, judged_columns
 
 @dataclass(kw_only=True)
 class TrackedObject:
-    """What was asked for, what follows from it, and what was found; a consumer of the object's batches.
+    """What was asked for, what follows from it, and what was found; a consumer of the object's batches."""
 
-    Parameters
-    ----------
-    name : str
-        Of its files: ``track-NAME.csv``; empty: ``track.csv``.
-    roi : (int, int) or None
-        Left column and top row, px; None until it is chosen (``auto``).
-    proposal : Proposal or None
-        What was chosen.
-    config : Config
-    cutter : BatchCutter
-
-    Attributes
-    ----------
-    consumers : list of Consumer
-        Take its batches beside the object itself: what makes its files.
-    accuracy : Accuracy or None
-        Compares its batches with a true motion.
-    files : list of Path
-        The CSV from the begin; the others once :meth:`finish` has written them.
-    """
-
-    name: str
-    roi: tuple | None
-    proposal: object = None
+    name: str  # of its files: track-NAME.csv; empty: track.csv
+    roi: tuple | None  # left column and top row, px; None until it is chosen (auto)
+    proposal: object = None  # what was chosen, a Proposal
     config: object = None
     cutter: object = None
     batches: int = 0
@@ -57,9 +36,9 @@ class TrackedObject:
     numbers: dict = field(default_factory=dict)  # of each batch what the verdict needs: a stream may have no end
     flags: array = field(default_factory=lambda: array("i"))
     roi_next: tuple | None = None
-    consumers: list = field(default_factory=list)
-    accuracy: object = None
-    files: list = field(default_factory=list)
+    consumers: list = field(default_factory=list)  # take its batches beside the object itself: what makes its files
+    accuracy: object = None  # compares its batches with a true motion, an Accuracy
+    files: list = field(default_factory=list)  # the CSV from the begin; the others once finish has written them
     _writers: list = field(default_factory=list)  # take the object: a reference to it would be a circle
 
     def named(self, what):
@@ -86,26 +65,11 @@ class TrackedObject:
             self.cycles.append(result.cycles)
 
     def collect(self, stack, folder, *, recording, motion, engine, pictures, exports, report_mhz, wave):
-        """Begin to collect what the object's files show.
+        """Begin to collect what the object's files show, in ``folder``; ``stack`` closes the CSV, and the exports.
 
-        Parameters
-        ----------
-        stack : ExitStack
-            Closes the CSV, and the exports.
-        folder : Path
-        recording : str
-            Its name.
-        motion : Motion or None
-            The true motion, where it is known.
-        engine : str
-        pictures : list of Path
-            Of several objects each adds its name.
-        exports : list of Path
-            As :func:`~cmfpga.show.export.exported` takes them; of several objects likewise.
-        report_mhz : float or None
-            Assumed clock of the hardware in the report, MHz; None: no report.
-        wave : int or None
-            Number of the batch whose waveforms are written.
+        ``recording`` is its name, ``motion`` the true one where it is known. Of several objects each adds its name to
+        the paths of ``pictures`` and ``exports``. ``report_mhz`` is the assumed clock of the report, MHz (None: no
+        report), ``wave`` the number of the batch whose waveforms are written.
         """
         if pictures:
             gallery = Gallery(self.config, recording, motion)
@@ -171,8 +135,7 @@ class TrackedObject:
     @property
     def verdict(self):
         """Of the batches so far."""
-        flags = [Flag(one) for one in self.flags]
-        of = self.config
+        flags, of = [Flag(one) for one in self.flags], self.config
         return Verdict(lambda name: np.array(self.numbers[name]), flags, of.motion, of.roi_stays, of.slides, of.pixel)
 
     @property

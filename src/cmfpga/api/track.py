@@ -193,19 +193,14 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
     """``(the loop's batches, their cutter, the Tracking that collects them)``; ``stack`` closes what is opened."""
     opened, first = source.open(stack), None
     if preset is None:
-        preset, note = usual_preset(
-            {name: value for name, value in fields.items() if name not in ("camera", "hot_mask")},
-            batches=bool(size), engine=engine,
-        )  # fmt: skip
-        if note:
-            warnings.warn(note, stacklevel=3)
-    for note in opened.notes() if isinstance(opened, Recording) else ():
-        warnings.warn(note, stacklevel=3)
+        given = {name: value for name, value in fields.items() if name not in ("camera", "hot_mask")}
+        preset, note = usual_preset(given, batches=bool(size), engine=engine)
+        _warn(note)
+    _warn(*(opened.notes() if isinstance(opened, Recording) else ()))
     config, note = without_hot_pixels(
         _config(opened, preset, fields), usual_survey(opened, engine, fields), "hot_pixels=0"
     )
-    if note:
-        warnings.warn(note, stacklevel=3)
+    _warn(note)
     if (roi is None or isinstance(roi, str)) and whole_sensor(config):
         roi = whole_sensor(config)
     elif isinstance(roi, str) and roi == "auto":
@@ -227,21 +222,21 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
         batches = whole("batches", batches)
     cutter = batch_cutter(opened, config, start_event=start_event, first=first, **size)
     running = stack.enter_context(contextlib.closing(open_engine(engine, config)))
-    if running.note:
-        warnings.warn(running.note, stacklevel=3)
+    _warn(running.note)
     tracking = Tracking(config, engine, source)
-    consumers = [tracking] if keep else []
-    return (
-        loop.track(running, cutter, roi=tuple(roi), batches=batches, consumers=consumers, every=every),
-        cutter,
-        tracking,
-    )
+    how = {"batches": batches, "consumers": [tracking] if keep else [], "every": every}
+    return loop.track(running, cutter, roi=tuple(roi), **how), cutter, tracking
+
+
+def _warn(*notes, level=4):
+    """Where the user calls :func:`track` or :class:`Tracker`, so many functions up."""
+    for note in filter(None, notes):
+        warnings.warn(note, stacklevel=level)
 
 
 def _config(source, name, fields):
     given, note = sensor_fields(source, fields, lambda: preset(name), "sensor=(width, height)")
-    for told in filter(None, (unit_note(source, "time_unit="), note)):
-        warnings.warn(told, stacklevel=4)
+    _warn(unit_note(source, "time_unit="), note, level=5)
     if fields.get("hot_mask") == "auto":
         fields = {**fields, "hot_mask": hot_mask(source)}
     if fields.get("camera"):
@@ -249,6 +244,5 @@ def _config(source, name, fields):
     motion = fields.get("motion", preset(name).motion)
     given |= rotation_fields(source, motion, fields, "camera=")
     config = preset(name).replace(**{**given, **fields})
-    if note := binning_note(config, fields):
-        warnings.warn(note, stacklevel=4)
+    _warn(binning_note(config, fields), level=5)
     return config

@@ -65,12 +65,16 @@ class Tracking:
         return len(self.results)
 
     def __getattr__(self, name):
-        if "config" in vars(self) and name in (declared := columns(self.config.motion, self.config.slides)):
-            return declared[name].array([values[name] for values in self._values])
+        if "config" in vars(self) and name in self._columns:
+            return self._columns[name].array([values[name] for values in self._values])
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __dir__(self):
-        return [*super().__dir__(), *columns(self.config.motion, self.config.slides)]
+        return [*super().__dir__(), *self._columns]
+
+    @property
+    def _columns(self):
+        return columns(self.config.motion, self.config.slides)
 
     def __repr__(self):
         return f"<Tracking of {self.source.name}: {len(self)} {self.config.nouns}, {self.engine} engine>"
@@ -83,9 +87,8 @@ class Tracking:
     @property
     def verdict(self):
         """:class:`~cmfpga.tracking.verdict.Verdict`: velocity, trusted batches, where the object was lost; remarks."""
-        return Verdict.of(
-            self._values, self.config.motion, self.config.roi_stays, self.config.slides, self.config.pixel
-        )
+        of = self.config
+        return Verdict.of(self._values, of.motion, of.roi_stays, of.slides, of.pixel)
 
     @property
     def covariance(self):
@@ -102,13 +105,13 @@ class Tracking:
     def to_csv(self, path):
         """Write ``track.csv``, the same text as the command's."""
         with naming(path), open(path, "w", newline="") as file:
-            write = csv_writer(file, columns(self.config.motion, self.config.slides), self.config.image)
+            write = csv_writer(file, self._columns, self.config.image)
             for values in self._values:
                 write(row(values))
 
     def to_arrays(self):
         """``{name: array}`` of all columns of ``track.csv``."""
-        return {name: getattr(self, name) for name in columns(self.config.motion, self.config.slides)}
+        return {name: getattr(self, name) for name in self._columns}
 
     def to_pandas(self):
         """The same as a pandas ``DataFrame``. Needs pandas: ``pip install 'cmfpga[pandas]'``."""
@@ -119,7 +122,7 @@ class Tracking:
     def _repr_html_(self):
         """In a notebook: the first and last batches as a table, and the picture."""
         shown = self._values if len(self) <= 2 * _SHOWN else [*self._values[:_SHOWN], None, *self._values[-_SHOWN:]]
-        declared = columns(self.config.motion, self.config.slides).values()
+        declared = self._columns.values()
         lines = [[column.title + (f" [{column.unit}]" if column.unit else "") for column in declared]]
         lines += [row(values) if values else ["…"] * len(declared) for values in shown]
         table = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in line)}</tr>" for line in lines)
@@ -133,10 +136,7 @@ class Tracking:
     def plot(self, path=None):
         """The picture that the command writes as ``track.png``: a Matplotlib ``Figure``.
 
-        Parameters
-        ----------
-        path : str or Path, optional
-            Write it there as well: ``.png``, ``.pdf``, ``.svg``; or ``.gif``, which shows the object as it moves.
+        It is written to ``path``, too: ``.png``, ``.pdf``, ``.svg``; or ``.gif``, which shows the object as it moves.
         """
         figure = self._gallery.figure(self.verdict.title)
         if path is not None:
@@ -155,12 +155,7 @@ class Tracking:
     def report(self, path, *, clock_mhz=CLOCK_MHZ):
         """Write the page of ``track --report``: one HTML file that needs nothing else. Needs plotly.
 
-        Parameters
-        ----------
-        path : str or Path
-            The file.
-        clock_mhz : float
-            Assumed clock of the hardware, MHz.
+        ``clock_mhz`` is the assumed clock of the hardware, MHz.
         """
         from ..show.report import write_page
 
@@ -169,12 +164,7 @@ class Tracking:
     def trace(self, batch):
         """Every intermediate of a batch: :class:`~cmfpga.tracking.trace.BatchTrace`. Needs torch; not for ``axi``.
 
-        The batch's events are read again from the recording.
-
-        Parameters
-        ----------
-        batch : int
-            Its number; negative from the end.
+        Its events are read again from the recording. ``batch`` is its number; negative from the end.
         """
         needs_batches(self.config, "trace")
         with needs("torch", "reference", "trace"):

@@ -1,10 +1,14 @@
 """Checks of a configuration's fields, and what their texts say; each raises :exc:`ConfigError`: what is allowed."""
 
+import dataclasses
 import math
 import numbers
 
 from ..errors import ConfigError
 from .choices import UNDISTORTION
+from .motion import needs as motion_needs
+from .regions import MOST_STORED
+from .windows import window_events
 
 #: Focal lengths and principal point, px; radial (k) and tangential (p) distortion, the model "plumb_bob".
 CAMERA_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -38,38 +42,157 @@ def _is(kind, value):
     return isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
 
 
-def check_size(config, name, limit):
+def _at_most(config, name, most, why):
+    if getattr(config, name) > most:
+        raise ConfigError(f"{name} = {getattr(config, name)}: at most {most} is allowed ({why})")
+
+
+def _smaller(config, name, limit):
     """One field against another."""
-    if getattr(config, name) > getattr(config, limit):
-        raise ConfigError(f"{name} = {getattr(config, name)}: at most {getattr(config, limit)} is allowed ({limit})")
+    _at_most(config, name, getattr(config, limit), limit)
 
 
-def check_side(config, side):
+def _needs(config, name, needs):
+    """Of ``((field, values), …)`` each field must have one of the values for the field ``name`` to be as it is."""
+    for field, values in needs:
+        if getattr(config, field) not in values:
+            allowed = " or ".join(map(str, values))
+            raise ConfigError(f"{name} = {getattr(config, name)}: {field} = {allowed} is needed")
+
+
+def check_together(config):
+    """What a configuration's fields need of one another."""
+    for side in ("width", "height"):
+        _check_side(config, side)
+    _check_times(config)
+    config.hot, config.lens  # noqa: B018 - raise where the text is malformed
+    _smaller(config, "min_roi_events", "buffer_events")
+    _smaller(config, "thin_target", "buffer_events")
+    if config.slides:
+        _check_windows(config)
+    q = config.formats
+    for name, fmt in (("eta", q.eta), ("roi_gain", q.roi_gain), ("v_start_x", q.v), ("v_start_y", q.v)):
+        _check_real(config, name, fmt)
+    _check_regions(config)
+    _check_ascent(config)
+    if config.gradient == "one_pass":
+        _check_tags(config)
+    _needs(config, "motion", ((field, (value,)) for field, value in motion_needs(config.motion).items()))
+    if config.motion != "translation" and max(config.roi_width, config.roi_height) < 16:
+        raise ConfigError(f"motion = {config.motion}: an ROI of at least 16 px along one side is needed")
+    if config.confidence:
+        # The last iteration's sums are compared with those beside v.
+        for name in ("cold", "warm"):
+            if (stride := getattr(config.schedules, name)[-1].stride) > 1:
+                raise ConfigError(
+                    f"confidence = 1: the last iteration of {name} has stride {stride}: it needs all events, as the "
+                    "probes"
+                )
+    _check_widths(config)
+
+
+def _check_side(config, side):
     """The ROI's ``width`` or ``height`` against that of the image that it lies in, and the sweep."""
-    roi = getattr(config, f"roi_{side}")
-    if config.binning:
-        sensor, most = getattr(config, f"sensor_{side}"), getattr(config.geometry, side)
-        if roi > most:
-            why = f"sensor_{side} = {sensor} by binning = {config.binning}"
-            raise ConfigError(f"roi_{side} = {roi}: at most {most} is allowed ({why})")
-    else:
-        check_size(config, f"roi_{side}", f"sensor_{side}")
-    if config.gradient == "sweep" and roi % 2:
-        raise ConfigError(f"roi_{side} = {roi}: an even number of pixels is needed by the sweep")
+    name, sensor = f"roi_{side}", f"sensor_{side}"
+    binned = f"{sensor} = {getattr(config, sensor)} by binning = {config.binning}"
+    _at_most(config, name, getattr(config.geometry, side), binned if config.binning else sensor)
+    if config.gradient == "sweep" and (roi := getattr(config, name)) % 2:
+        raise ConfigError(f"{name} = {roi}: an even number of pixels is needed by the sweep")
 
 
-def check_times(config):
+def _check_times(config):
     """Times are told apart, and held."""
     if config.span_bits >= config.time_bits:
         raise ConfigError(
             f"span_bits = {config.span_bits}: less than time_bits = {config.time_bits} is needed, "
             "or a step back in time could not be told from a long batch"
         )
-    if config.background_us > (most := config.widths.background_us_max):
-        raise ConfigError(f"background_us = {config.background_us}: at most {most} is allowed (span_bits)")
+    _at_most(config, "background_us", config.widths.background_us_max, "span_bits")
 
 
-def check_widths(config):
+def _check_windows(config):
+    """Windows that slide can be held and timed."""
+    _needs(config, "windows", (("gradient", ("one_pass",)), ("ascent", ("newton",)), ("regions", (0,))))
+    _smaller(config, "window_events", "buffer_events")
+    _at_most(config, "hop_events", window_events(config), "window_events")
+    longest = 1 << (config.span_bits - 1)
+    _at_most(config, "window_us", longest, "half of what span_bits counts to")
+    _at_most(config, "hop_us", config.window_us or longest, "window_us")
+
+
+def _check_real(config, name, fmt):
+    """A real number against its format."""
+    value = getattr(config, name)
+    low, high = fmt.real(fmt.min), fmt.real(fmt.max)
+    if not low <= value <= high:
+        raise ConfigError(f"{name} = {value!r}: {low:g} to {high:g} is needed ({fmt})")
+    if value and not fmt.raw(value):
+        raise ConfigError(f"{name} = {value!r}: smaller than the step {fmt.step:g} of its format {fmt}")
+
+
+def _check_regions(config):
+    """The hardware for regions can be built."""
+    changed = [f.name for f in dataclasses.fields(config) if getattr(config, f.name) != f.default]
+    if not config.regions:
+        for name in ("units", "slices", "bin_bits", "store_style"):
+            if name in changed:
+                raise ConfigError(f"{name} = {getattr(config, name)}: regions of 1 or more are needed")
+        return
+    _needs(config, "regions", (("gradient", ("one_pass",)), ("ascent", ("sign", "newton")), ("buffers", (2,))))
+    if config.motion == "rotation":
+        raise ConfigError(
+            f"regions = {config.regions}: motion = rotation: a region sees too little of the field to tell a turn from "
+            "a shift; cmfpga flow --fit rotation finds it from all regions of a translation"
+        )
+    for name in ("thinning", "thin_target"):
+        if name in changed:
+            raise ConfigError(f"regions = {config.regions}: {name}: each region has a stride of its own instead")
+    if config.slices > 1 and config.background:
+        raise ConfigError(f"slices = {config.slices}: background = 0 is needed, or an event would support itself later")
+    most = config.max_batch_events
+    if config.slices > most:
+        raise ConfigError(f"slices = {config.slices}: at most max_batch_events = {most} are allowed")
+    if most > MOST_STORED:
+        raise ConfigError(f"max_batch_events = {most}: at most {MOST_STORED} are allowed, for the store holds them all")
+
+
+def _check_ascent(config):
+    """What the ascent needs: fields, velocities ¾ px beside v that can be written, and a schedule."""
+    rule = config.ascent_rule
+    _needs(config, "ascent", rule.needs)
+    if (config.confidence or rule.evaluations > 1) and config.v_frac < 2:
+        raise ConfigError(
+            f"ascent = {config.ascent}: v_frac = {config.v_frac}: 2 or more is needed for what lies ¾ px beside v"
+        )
+    if not rule.has_table:
+        return _smaller(config, "iterations", "max_iterations")
+    names = ("cold", "warm", *(("follow", "after") if config.slides else ()))
+    lengths = {name: len(getattr(config.schedules, name)) for name in names}
+    if lengths.get("after", 0) > 1:
+        raise ConfigError(f"after: {lengths['after']} iterations: at most one is allowed")
+    if sum(lengths.values()) > config.schedule_entries:
+        raise ConfigError(
+            f"{' and '.join(names)}: {' + '.join(map(str, lengths.values()))} iterations; "
+            f"at most {config.schedule_entries} are allowed in all (schedule_entries)"
+        )
+    for name, iterations in lengths.items():
+        if iterations > config.max_iterations:
+            raise ConfigError(
+                f"{name}: {iterations} iterations; at most {config.max_iterations} are allowed (max_iterations)"
+            )
+
+
+def _check_tags(config):
+    """There are tags enough for the sweep of the banks."""
+    idle, tags, depth = config.one_pass.latency, (1 << config.tag_bits) - 1, config.geometry.bank_depth
+    if idle < config.one_pass.fewest_idle_cycles:
+        raise ConfigError(
+            f"tag_bits = {config.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration = {tags * idle}, at "
+            f"least the {depth} words of a bank are needed: tag_bits = {config.one_pass.fewest_tag_bits} or more"
+        )
+
+
+def _check_widths(config):
     """Fractions of positions, and what the integer model holds."""
     most = config.dt_frac + config.v_frac
     for name in ("dither_frac", *UNDISTORTION[config.undistortion][1:2]):
@@ -81,40 +204,6 @@ def check_widths(config):
                 f"{what} needs {width} bits, more than the 63 that the exact integer model has: "
                 "a smaller buffer_events, ROI, or fraction width is needed"
             )
-
-
-def check_real(config, name, fmt):
-    """A real number against its format."""
-    value = getattr(config, name)
-    low, high = fmt.real(fmt.min), fmt.real(fmt.max)
-    if not low <= value <= high:
-        raise ConfigError(f"{name} = {value!r}: {low:g} to {high:g} is needed ({fmt})")
-    if value and not fmt.raw(value):
-        raise ConfigError(f"{name} = {value!r}: smaller than the step {fmt.step:g} of its format {fmt}")
-
-
-def check_confidence(config):
-    """Raise :exc:`ConfigError` unless the last iteration's sums can be compared with those beside v."""
-    for name in ("cold", "warm"):
-        if (stride := getattr(config.schedules, name)[-1].stride) > 1:
-            raise ConfigError(
-                f"confidence = 1: the last iteration of {name} has stride {stride}: it needs all events, as the probes"
-            )
-
-
-def check_ascent(config):
-    """What the ascent needs: fields, velocities ¾ px beside v that can be written, and a schedule."""
-    for name, values in config.ascent_rule.needs:
-        if getattr(config, name) not in values:
-            raise ConfigError(f"ascent = {config.ascent}: {name} = {' or '.join(values)} is needed")
-    if (config.confidence or config.ascent_rule.evaluations > 1) and config.v_frac < 2:
-        raise ConfigError(
-            f"ascent = {config.ascent}: v_frac = {config.v_frac}: 2 or more is needed for what lies ¾ px beside v"
-        )
-    if config.ascent_rule.has_table:
-        config.schedules.check()
-    else:
-        check_size(config, "iterations", "max_iterations")
 
 
 def parse_pixels(text, config):

@@ -4,83 +4,56 @@ The hardware's blocks are in :mod:`cmfpga.rtl.ascent`, the models' steps in :mod
 is a :class:`~cmfpga.protocol.settings.BatchSettings`.
 """
 
+from dataclasses import dataclass
+
 from .schedule import ScheduleEntry
 
 
-class ConstantAscent:
-    """v ← v + η·∂C/∂v, as in the article: at full resolution, T times.
+@dataclass(frozen=True, kw_only=True)
+class AscentRule:
+    """How v ascends."""
 
-    Attributes
-    ----------
-    settings : tuple of str
-        The settings of a batch that only this ascent reads.
-    fields : tuple of str
-        The fields of the configuration that only it reads, the settings among them.
-    has_table : bool
-        Whether a table of schedules says what each iteration does.
-    evaluations : int
-        Of the image in an iteration.
-    strides : bool
-        Whether an iteration may leave out events.
-    needs : tuple of (str, values)
-        Fields of the configuration, and the values without which it does not work.
-    """
-
-    settings = ("iterations", "eta")
-    fields = (*settings, "eta_int", "eta_frac")
-    has_table, strides = False, False
-    evaluations = 1
-    needs = ()
+    settings: tuple  # of a batch, that only this ascent reads
+    fields: tuple  # of the configuration, that only it reads, the settings among them
+    cycles: int  # from a gradient to the new v, of the clock; of rounds those that do not depend on the formats
+    needs: tuple = ()  # ((field of the configuration, values), …) without which it does not work
+    has_table: bool = True  # a table of schedules says what each iteration does
+    evaluations: int = 1  # of the image in an iteration
+    strides: bool = False  # an iteration may leave out events
 
     def latency(self, config):
         """Clock cycles from a gradient, or from a round's last, to the new v."""
-        return 5
+        return self.cycles + (len(config.widths.round_shifts) + config.v_frac if self.evaluations > 1 else 0)
 
     def warm(self, settings, followed):
         """Whether a batch starts from the last v; ``followed``: the last batch measured it, and the ROI was not set."""
-        return settings.start_last
+        return settings.start_last and (followed or not self.has_table)
 
     def plan(self, settings, warm):
         """One :class:`~cmfpga.config.schedule.ScheduleEntry` an iteration; ``log2_step`` is None without schedules."""
-        return (ScheduleEntry(0, None),) * settings.iterations
-
-
-class SignAscent:
-    """v ← v ± a step of a schedule, coarse to fine; see :class:`ConstantAscent` for attributes and methods.
-
-    For motions beyond translation, of which no round is known.
-    """
-
-    settings = ("cold", "warm")
-    fields = (*settings, "schedule_entries", "confidence")
-    has_table, strides = True, True
-    evaluations = 1
-    needs = (("motion", ("similarity", "rotation")),)
-
-    def latency(self, config):
-        return 2
-
-    def warm(self, settings, followed):
-        return settings.start_last and followed
-
-    def plan(self, settings, warm):
+        if not self.has_table:
+            return (ScheduleEntry(0, None),) * settings.iterations
         return settings.warm if warm else settings.cold
 
 
-class NewtonAscent(SignAscent):
-    """v ← v + M⁻¹·g of four evaluations beside v, in rounds of a schedule."""
-
-    fields = (*SignAscent.fields, "evaluators")
-    strides = False
-    evaluations = 4
-    # Only then an event's derivatives are opposite, and the sums are the gradient.
-    needs = (("gradient", ("one_pass",)), ("border", ("whole",)), ("motion", ("translation",)))
-
-    def latency(self, config):
-        return len(config.widths.round_shifts) + config.v_frac + 20
-
-
-ASCENTS = {"constant": ConstantAscent(), "newton": NewtonAscent(), "sign": SignAscent()}
+ASCENTS = {
+    # v ← v + η·∂C/∂v, as in the article: at full resolution, T times.
+    "constant": AscentRule(
+        settings=("iterations", "eta"), fields=("iterations", "eta", "eta_int", "eta_frac"), cycles=5, has_table=False,
+    ),
+    # v ← v + M⁻¹·g of four evaluations beside v, in rounds of a schedule. Only with these needs are an event's
+    # derivatives opposite, and the sums the gradient.
+    "newton": AscentRule(
+        settings=("cold", "warm"), fields=("cold", "warm", "schedule_entries", "confidence", "evaluators"),
+        cycles=20, evaluations=4,
+        needs=(("gradient", ("one_pass",)), ("border", ("whole",)), ("motion", ("translation",))),
+    ),
+    # v ← v ± a step of a schedule, coarse to fine. For motions beyond translation, of which no round is known.
+    "sign": AscentRule(
+        settings=("cold", "warm"), fields=("cold", "warm", "schedule_entries", "confidence"), cycles=2, strides=True,
+        needs=(("motion", ("similarity", "rotation")),),
+    ),
+}  # fmt: skip
 
 
 #: Gradient architectures.

@@ -3,8 +3,6 @@
 A :class:`Config` is frozen and validated on construction. Fields marked *run-time* only set the value that the
 tools write to an input of the hardware before a batch; all others shape the hardware itself. Everything
 derived from the fields is a property, so that no width is written twice.
-
-This module imports neither Amaranth nor NumPy nor torch.
 """
 
 import dataclasses
@@ -14,26 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..errors import ConfigError, one_of
-from .checks import (
-    binned_camera,
-    check_ascent,
-    check_confidence,
-    check_field,
-    check_real,
-    check_side,
-    check_size,
-    check_times,
-    check_widths,
-    parse_camera,
-    parse_pixels,
-)
+from .checks import binned_camera, check_field, check_together, parse_camera, parse_pixels
 from .choices import ASCENTS, CHOICES, GRADIENTS, UNDISTORTION, WINDOWS
 from .derived import Formats, Geometry, OnePass
-from .motion import MOTIONS, check_motion, motion_model
-from .regions import Regions, check_regions
+from .motion import MOTIONS, motion_model
+from .regions import Regions
 from .schedule import AUTO, Schedules
 from .widths import Widths
-from .windows import check_windows
 
 START_MODES = ("zero", "given", "last")
 WHEN_FULL = ("drop", "thin")
@@ -45,6 +30,11 @@ def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=
     """A documented field; ``low … high`` or ``choices`` is what validation allows."""
     meta = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "runtime": runtime}
     return dataclasses.field(default=default, metadata=meta)
+
+
+#: Of a number of events, and of a time, that a batch or a window is told.
+_EVENTS = {"unit": "events", "low": 0, "high": 1 << 17, "runtime": True}
+_US = {"unit": "µs", "low": 0, "high": 1 << 31, "runtime": True}
 
 
 def unread(fields):
@@ -96,13 +86,9 @@ class Config:
     background: int = _field(0, "1: the hardware has a filter of background activity", low=0, high=1)
     background_cell: int = _field(2, "cells of that filter are 2^background_cell px wide", low=1, high=6)
     background_us: int = _field(
-        0,
-        "drop events without one of another pixel of their cell in so many µs before them; 0: drop none",
-        unit="µs",
-        low=0,
-        high=(1 << 31) - 1,
-        runtime=True,
-    )
+        0, "drop events without one of another pixel of their cell in so many µs before them; 0: drop none",
+        **_US | {"high": (1 << 31) - 1},
+    )  # fmt: skip
 
     # Batches, or windows
     windows: str = _field(
@@ -130,41 +116,13 @@ class Config:
         1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 17, runtime=True
     )
     thinning: int = _field(1, "store one ROI event in so many", low=1, high=Widths.thinning_max, runtime=True)
-    thin_target: int = _field(
-        0,
-        "choose the thinning so that about so many are stored; 0: off",
-        unit="events",
-        low=0,
-        high=1 << 17,
-        runtime=True,
-    )
-    window_events: int = _field(
-        0, "most events of a window; 0: as suits the motion", unit="events", low=0, high=1 << 17, runtime=True
-    )
+    thin_target: int = _field(0, "choose the thinning so that about so many are stored; 0: off", **_EVENTS)
+    window_events: int = _field(0, "most events of a window; 0: as suits the motion", **_EVENTS)
     window_us: int = _field(
-        0,
-        "oldest event of a window when its hop ends; 0: half of what a span counts to, or as suits the motion",
-        unit="µs",
-        low=0,
-        high=1 << 31,
-        runtime=True,
+        0, "oldest event of a window when its hop ends; 0: half of what a span counts to, or as suits the motion", **_US
     )
-    hop_events: int = _field(
-        0,
-        "a hop ends with so many new ROI events; 0: with a 16th of a window's",
-        unit="events",
-        low=0,
-        high=1 << 17,
-        runtime=True,
-    )
-    hop_us: int = _field(
-        4000,
-        "or before the first event that is so much later; 0: at any time",
-        unit="µs",
-        low=0,
-        high=1 << 31,
-        runtime=True,
-    )
+    hop_events: int = _field(0, "a hop ends with so many new ROI events; 0: with a 16th of a window's", **_EVENTS)
+    hop_us: int = _field(4000, "or before the first event that is so much later; 0: at any time", **_US)
 
     # Regions
     regions: int = _field(0, "rows of the table of regions; 0: a core of one ROI", low=0, high=1024)
@@ -244,24 +202,7 @@ class Config:
         for name, why in unread(vars(self)).items():
             if getattr(self, name) != self.__dataclass_fields__[name].default:
                 raise ConfigError(why)
-        for side in ("width", "height"):
-            check_side(self, side)
-        check_times(self)
-        self.hot, self.lens  # noqa: B018 - raise where the text is malformed
-        check_size(self, "min_roi_events", "buffer_events")
-        check_size(self, "thin_target", "buffer_events")
-        check_windows(self)
-        q = self.formats
-        for name, fmt in (("eta", q.eta), ("roi_gain", q.roi_gain), ("v_start_x", q.v), ("v_start_y", q.v)):
-            check_real(self, name, fmt)
-        check_regions(self)
-        check_ascent(self)
-        if self.gradient == "one_pass":
-            self.one_pass.check()
-        check_motion(self)
-        if self.confidence:
-            check_confidence(self)
-        check_widths(self)
+        check_together(self)
 
     # ---------------------------------------------------------------- construction
 

@@ -1,14 +1,6 @@
 """What follows from a configuration's fields: sizes, fixed-point formats, and how long one pass takes."""
 
-from ..errors import ConfigError
 from ..fixed import Q, bits_for
-
-
-class Derived:
-    """Base of the groups of derived values: attributes that follow from a :class:`~cmfpga.config.Config`."""
-
-    def __init__(self, config):
-        self._c = config
 
 
 class Geometry:
@@ -87,43 +79,25 @@ class Formats:
         self.position_x, self.position_y = (Q(bits_for(size), c.position_frac) for size in (c.roi_width, c.roi_height))
 
 
-class OnePass(Derived):
-    """What follows from ``gradient="one_pass"``."""
+class OnePass:
+    """What follows from ``gradient="one_pass"`` in a :class:`~cmfpga.config.Config`."""
 
-    @property
-    def latency(self):
-        """Cycles of an iteration beside its n events, in which no vote enters the banks.
-
-        The latencies of warp, voter, banks, sums, gradient and ascent, less one; or where those from the banks on are
-        shorter, of what is in front of the warp. A test holds them to those of the blocks.
-        """
-        warp, voter = 4 if self._c.max_level else 3, 3
-        gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
+    def __init__(self, config):
+        c, depth, rounds = config, config.geometry.bank_depth, config.ascent_rule.evaluations > 1
+        warp, voter = 4 if c.max_level else 3, 3
+        gradient = 4 if c.geometry.pixels & (c.geometry.pixels - 1) else 1
         sums = 5 + 4
-        if self._c.ascent_rule.evaluations > 1:  # four sums, one after the other, of four images a cycle later
-            warp += 1 + (self._c.evaluators == 1)
-            gradient, sums = gradient - 1, sums + self._c.geometry.images - (self._c.evaluators == 1)
-        feed = 10 + 2 * (self._c.dither_frac > 0)
-        if self._c.motion_model.basis:
+        if rounds:  # four sums, one after the other, of four images a cycle later
+            warp += 1 + (c.evaluators == 1)
+            gradient, sums = gradient - 1, sums + c.geometry.images - (c.evaluators == 1)
+        feed = 10 + 2 * (c.dither_frac > 0)
+        if c.motion_model.basis:
             warp, gradient, sums = warp + 2, 0, sums + 2
-        return warp + voter + max(sums + gradient + self._c.ascent_rule.latency(self._c), feed) - 1
-
-    @property
-    def fewest_idle_cycles(self):
-        """So many an iteration, or the sweep of the banks doesn't pass every word before its tag comes back."""
-        return -(-self._c.geometry.bank_depth // ((1 << self._c.tag_bits) - 1))
-
-    @property
-    def fewest_tag_bits(self):
-        """So many are enough for that in the cycles that are idle anyway."""
-        return (-(-self._c.geometry.bank_depth // self.latency)).bit_length()
-
-    def check(self):
-        """Raise :exc:`ConfigError` if there are too few tags."""
-        idle, tags = self.latency, (1 << self._c.tag_bits) - 1
-        if idle < self.fewest_idle_cycles:
-            raise ConfigError(
-                f"tag_bits = {self._c.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration "
-                f"= {tags * idle}, at least the {self._c.geometry.bank_depth} words of a bank are needed: tag_bits = "
-                f"{self.fewest_tag_bits} or more"
-            )
+        #: Cycles of an iteration beside its n events, in which no vote enters the banks: the latencies of warp, voter,
+        #: banks, sums, gradient and ascent, less one; or where those from the banks on are shorter, of what is in front
+        #: of the warp. A test holds them to those of the blocks.
+        self.latency = warp + voter + max(sums + gradient + c.ascent_rule.latency(c), feed) - 1
+        #: So many an iteration, or the sweep of the banks doesn't pass every word before its tag comes back.
+        self.fewest_idle_cycles = -(-depth // ((1 << c.tag_bits) - 1))
+        #: So many are enough for that in the cycles that are idle anyway.
+        self.fewest_tag_bits = (-(-depth // self.latency)).bit_length()

@@ -14,47 +14,29 @@ from ..fixed import Q, bits_for
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One number of a motion.
+    """One number of a motion."""
 
-    Parameters
-    ----------
-    name : str
-        Suffix of ports and members: ``v_x``, ``sx``.
-    fmt : Q
-        Its format; it saturates.
-    moves_roi : str or None
-        The axis, ``x`` or ``y``, along which the ROI follows it.
-    """
-
-    name: str
-    fmt: Q
-    moves_roi: str | None = None
+    name: str  # suffix of ports and members: v_x, sx
+    fmt: Q  # its format; it saturates
+    moves_roi: str | None = None  # the axis, x or y, along which the ROI follows it
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionModel:
     """A motion that is linear in its parameters.
 
-    Along its own axis the basis of ``x`` and of ``y`` is 1 and what ``terms`` say; all else is in ``terms``.
+    Along its own axis the basis of ``x`` and of ``y`` is 1 and what ``terms`` say; all else is in ``terms``:
+    ``{axis: ((parameter, member of the basis, sign), …)}``, what each parameter moves along the axis, beside that.
 
-    Parameters
-    ----------
-    name : str
-    parameters : tuple of Parameter
-    terms : dict
-        ``{axis: ((parameter, member of the basis, sign), …)}``: what each parameter moves along the axis, beside that.
-    lever : int
-        log2 of the lever arm in px: at that distance from the centre a roll or zoom of 1 moves an event by 1 px.
-    basis : dict
-        ``{member: Q}`` of the basis at an event: ``p``, ``q``, its distance from the centre to the right and down, in
-        lever arms; ``xx``, ``xy``, ``yy``, products of that distance in focal lengths.
+    The members of the basis at an event: ``p``, ``q``, its distance from the centre to the right and down, in lever
+    arms; ``xx``, ``xy``, ``yy``, products of that distance in focal lengths.
     """
 
     name: str
     parameters: tuple[Parameter, ...]
     terms: dict
-    lever: int
-    basis: dict
+    lever: int  # log2 of the lever arm in px: at that distance from the centre a roll or zoom of 1 moves by 1 px
+    basis: dict  # {member: Q}
 
     #: Of an event's position in the basis: quarters of a pixel.
     place_frac = 2
@@ -165,15 +147,6 @@ def needs(motion):
     """``{field: value}`` of what the hardware of a motion builds on."""
     beyond = {"gradient": "one_pass", "ascent": "sign", "border": "whole"}
     return {"translation": {}, "similarity": beyond, "rotation": {**beyond, "undistortion": "on"}}[motion]
-
-
-def check_motion(config):
-    """Raise :exc:`ConfigError` where the hardware lacks what its motion builds on."""
-    for name, value in needs(config.motion).items():
-        if getattr(config, name) != value:
-            raise ConfigError(f"motion = {config.motion}: {name} = {value} is needed")
-    if config.motion != "translation" and max(config.roi_width, config.roi_height) < 16:
-        raise ConfigError(f"motion = {config.motion}: an ROI of at least 16 px along one side is needed")
 
 
 def check_lens(config):

@@ -12,27 +12,13 @@ BATCH_EVENTS = 5000
 #: The clock that the article reports for its design on the KV260, MHz. Which one this core reaches is not known.
 CLOCK_MHZ = 210.0
 
+# border: else what leaves the image there pulls v towards 0. Not 2048 events, and not 8 bits of tags: then a pixel of
+# the banks has 54 bits, which three halves of a block RAM hold.
 _FAST = Config(
-    gradient="one_pass",
-    ascent="newton",
-    # Else what leaves the image at its border pulls v towards 0.
-    border="whole",
-    # Not 2048, and not 8: then a pixel of the banks has 54 bits, which three halves of a block RAM hold.
-    buffer_events=2047,
-    when_full="thin",
-    max_batch_events=(1 << 18) - 1,
-    tag_bits=7,
-    buffers=2,
-    max_level=2,
-    dt_frac=8,
-    v_frac=6,
-    position_frac=4,
-    weight_frac=4,
-    derivative_frac=4,
-    dither_frac=4,
-    confidence=1,
-    reciprocal_bits=12,
-)
+    gradient="one_pass", ascent="newton", border="whole", buffer_events=2047, when_full="thin", tag_bits=7, buffers=2,
+    max_batch_events=(1 << 18) - 1, max_level=2, dt_frac=8, v_frac=6, position_frac=4, weight_frac=4, derivative_frac=4,
+    dither_frac=4, confidence=1, reciprocal_bits=12,
+)  # fmt: skip
 
 PRESETS = {
     "paper": Config(),
@@ -47,45 +33,24 @@ PRESETS = {
         evaluators=4, roi_width=128, roi_height=128, buffer_events=4095, tag_bits=9, ram_style="ultra"
     ),
     "similarity": _FAST.replace(
-        motion="similarity",
-        ascent="sign",
-        confidence_limit=100.0,
-        roi_width=128,
-        roi_height=128,
-        buffer_events=8191,
-        tag_bits=9,
-        schedule_entries=64,
+        motion="similarity", ascent="sign", confidence_limit=100.0, roi_width=128, roi_height=128, buffer_events=8191,
+        tag_bits=9, schedule_entries=64,
     ),
     "rotation": _FAST.replace(
-        motion="rotation",
-        ascent="sign",
-        confidence_limit=150.0,
-        roi_width=240,
-        roi_height=180,
-        buffer_events=32767,
-        tag_bits=10,
-        schedule_entries=64,
-        max_level=3,
-        undistortion="on",
-        ram_style="ultra",
+        motion="rotation", ascent="sign", confidence_limit=150.0, roi_width=240, roi_height=180, buffer_events=32767,
+        tag_bits=10, schedule_entries=64, max_level=3, undistortion="on", ram_style="ultra",
     ),
+    # warm: from the coarse tile's v to a tile's own; the limit: what a tile of few events can reach. Figures:
+    # docs/flow.md.
     "flow": _FAST.replace(
-        evaluators=4,
-        regions=192,
-        units=4,
-        store_style="ultra",
-        undistortion="on",
-        max_batch_events=32767,
-        min_roi_events=30,
-        # From the coarse tile's v to a tile's own; and what a tile of few events can reach. Figures: docs/flow.md.
-        warm="0:1:1 0:3/4:1/2 0:3/4:1/4",
-        confidence_limit=12.0,
+        evaluators=4, regions=192, units=4, store_style="ultra", undistortion="on", max_batch_events=32767,
+        min_roi_events=30, warm="0:1:1 0:3/4:1/2 0:3/4:1/4", confidence_limit=12.0,
     ),
     "objects": _FAST.replace(regions=32, units=2, max_batch_events=32767, bin_bits=5, store_style="ultra"),
     "full-frame": _FAST.replace(
         evaluators=4, roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"
     ),
-}
+}  # fmt: skip
 
 #: What the commands take if no preset is given; what ``track`` takes, unless something asks for batches.
 DEFAULT_PRESET, SLIDING_PRESET = "fast", "sliding"

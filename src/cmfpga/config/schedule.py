@@ -11,13 +11,11 @@ step of 1/32 and all events.
 ``auto`` is the schedule that was measured best, as far as the hardware's levels and format of v allow it.
 """
 
-import functools
 import re
 from fractions import Fraction
 from typing import NamedTuple
 
 from ..errors import ConfigError
-from .derived import Derived
 
 AUTO = "auto"
 
@@ -85,13 +83,8 @@ class Round(NamedTuple):
 def used(entry, iteration, n):
     """Which of ``n`` stored events an iteration uses: a slice.
 
-    Parameters
-    ----------
-    entry : ScheduleEntry
-    iteration : int
-        Its number in the batch, from 0. Successive ones begin at another event, the farthest first: 0, 2, 1, 3.
-    n : int
-        The stride is halved until it leaves :data:`FEWEST`, rounded down.
+    ``iteration`` is its number in the batch, from 0. Successive ones begin at another event, the farthest first: 0, 2,
+    1, 3. The stride is halved until it leaves :data:`FEWEST`, rounded down.
     """
     stride = entry.stride
     while stride > 1 and n < FEWEST * stride:
@@ -145,20 +138,16 @@ def parse_schedule(text, *, name, max_level, v, entries, motion="translation", l
 
     Parameters
     ----------
-    text : str
-        See above.
+    text, motion : str
+        See above; and the motion whose schedule it is.
     name : str
         ``cold``, ``warm``, ``follow`` or ``after``: for messages, and for ``auto``.
     max_level : int
         Largest level that the hardware has.
     v : Q
         Format of v: steps from its unit to half its range.
-    entries : int
-        Length of the hardware's table.
-    motion : str
-        Whose schedule it is.
-    least : int
-        Fewest iterations.
+    entries, least : int
+        Length of the hardware's table, and fewest iterations.
 
     Raises
     ------
@@ -184,46 +173,17 @@ def parse_schedule(text, *, name, max_level, v, entries, motion="translation", l
     return tuple(iterations)
 
 
-class Schedules(Derived):
-    """The schedules that a configuration asks for."""
+class Schedules:
+    """The schedules that a :class:`~cmfpga.config.Config` asks for: tuples of iterations."""
 
-    def _parse(self, name, least=1):
-        limits = {"max_level": self._c.max_level, "v": self._c.formats.v, "entries": self._c.schedule_entries}
-        return parse_schedule(getattr(self._c, name), name=name, motion=self._c.motion, least=least, **limits)
+    def __init__(self, config):
+        def parse(name, least=1):
+            limits = {"max_level": config.max_level, "v": config.formats.v, "entries": config.schedule_entries}
+            return parse_schedule(getattr(config, name), name=name, motion=config.motion, least=least, **limits)
 
-    @functools.cached_property
-    def cold(self):
-        """Iterations of a batch without a last v: tuple of :class:`ScheduleEntry`."""
-        return self._parse("cold")
-
-    @functools.cached_property
-    def warm(self):
-        """Iterations of a batch that starts from the last v."""
-        return self._parse("warm")
-
-    @functools.cached_property
-    def follow(self):
-        """Rounds of a window that slides, which begin before its last event; () if none do."""
-        return self._parse("follow", least=0) if self._c.slides else ()
-
-    @functools.cached_property
-    def after(self):
-        """The round behind its result that judges it; () if none does."""
-        return self._parse("after", least=0) if self._c.slides else ()
-
-    def check(self):
-        """Raise :exc:`ConfigError` unless the hardware can hold them and count to their lengths."""
-        names = ("cold", "warm", *(("follow", "after") if self._c.slides else ()))
-        lengths = {name: len(getattr(self, name)) for name in names}
-        if len(self.after) > 1:
-            raise ConfigError(f"after: {len(self.after)} iterations: at most one is allowed")
-        if sum(lengths.values()) > self._c.schedule_entries:
-            raise ConfigError(
-                f"{' and '.join(names)}: {' + '.join(map(str, lengths.values()))} iterations; "
-                f"at most {self._c.schedule_entries} are allowed in all (schedule_entries)"
-            )
-        for name, iterations in lengths.items():
-            if iterations > self._c.max_iterations:
-                raise ConfigError(
-                    f"{name}: {iterations} iterations; at most {self._c.max_iterations} are allowed (max_iterations)"
-                )
+        self.cold = parse("cold")  #: of a batch without a last v
+        self.warm = parse("warm")  #: of a batch that starts from the last v
+        #: Rounds of a window that slides, which begin before its last event; () if none do.
+        self.follow = parse("follow", least=0) if config.slides else ()
+        #: The round behind its result that judges it; () if none does.
+        self.after = parse("after", least=0) if config.slides else ()

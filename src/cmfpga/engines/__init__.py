@@ -18,11 +18,9 @@ from ..protocol.settings import BatchSettings, clamp_roi
 from ..protocol.trace import Trace
 from ..verilog.compiler import CompilerError, cannot_compile
 
-#: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
-AXI = "axi"
-
-#: A board at a serial port, named behind a colon: ``serial:/dev/ttyUSB0``.
-SERIAL = "serial"
+#: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it; and a
+#: board at a serial port, named behind a colon: ``serial:/dev/ttyUSB0``.
+AXI, SERIAL = "axi", "serial"
 
 #: ``module:function`` that makes an engine of a configuration. It is loaded when it is asked for: only some need torch,
 #: and the accelerator's lies above this package.
@@ -51,12 +49,8 @@ def check_roi(config, roi, pixel=1):
         raise ConfigError(f"roi = {roi!r}: left column and top row, two whole numbers, are needed") from None
     if clamp_roi(config, (x // pixel, y // pixel))[1]:
         most = config.geometry.roi_x_max * pixel, config.geometry.roi_y_max * pixel
-        size, sensor = (
-            (config.roi_width * pixel, config.roi_height * pixel),
-            (config.sensor_width, config.sensor_height),
-        )
-        if config.pixel > pixel:
-            sensor = config.geometry.size
+        size = config.roi_width * pixel, config.roi_height * pixel
+        sensor = config.geometry.size if config.pixel > pixel else (config.sensor_width, config.sensor_height)
         raise ConfigError(
             f"ROI at {x},{y}: 0,0 to {most[0]},{most[1]} is needed for {size[0]}×{size[1]} px on a sensor of "
             f"{sensor[0]}×{sensor[1]} px"
@@ -84,37 +78,25 @@ class Engine(ABC):
     A core of one ROI has a table of one row. That row is as large as the image, and it moves
     (:meth:`Region.roi <cmfpga.protocol.regions.Region.roi>`); after a reset it lies at 0, 0.
 
-    Parameters
-    ----------
-    config : Config
-        Shapes the hardware. Run-time values come with each run.
-
-    Attributes
-    ----------
-    name : str
-        As on the command line.
-    note : str
-        What the user should know about how this engine runs; may be empty.
-    regions : list of Region
-        The table.
-    places : list of pair of int
-        Left column and top row, px, with which each region crops the next events.
-    cycles : int or None
-        Clock cycles of the last run, of all its regions; None without a clock, or without events.
+    ``config`` shapes the hardware; run-time values come with each run.
     """
 
-    name = ""
-    note = ""
+    name = ""  #: as on the command line
+    note = ""  #: what the user should know about how this engine runs; may be empty
     result, traced = BatchResult, True  # kind of the results, and whether they have a trace
 
     def __init__(self, config):
-        self.config, self.regions, self.cycles, self._batches = config, [], None, None
+        self.config, self._batches = config, None
+        self.regions = []  #: the table: list of Region
+        #: Clock cycles of the last run, of all its regions; None without a clock, or without events.
+        self.cycles = None
         self.forget()
 
     def forget(self):
         """Return to the state after a reset: each row where it was written, a core's ROI at 0, 0."""
         if not self.config.regions:
             self.regions = [Region.roi(self.config, (0, 0))]
+        #: Left column and top row, px, with which each region crops the next events.
         self.places = [(row.x, row.y) for row in self.regions]
         self._last, self._loads, self._begun = [None] * len(self.regions), False, None
 
@@ -142,16 +124,11 @@ class Engine(ABC):
         self.regions = regions
 
     def run(self, events, settings):
-        """Process events.
+        """Process events: one batch; with ``slices`` one slice; where windows slide any number.
 
-        Parameters
-        ----------
-        events : Events
-            One batch; with ``slices`` one slice; where windows slide any number.
-        settings : BatchSettings
-            Run-time inputs. ``roi`` writes the row of a core of one ROI anew. A table of regions reads neither that
-            nor ``thinning``, ``thin_target`` and ``start_last``. Where windows slide, all are taken over when the row
-            is written anew.
+        ``settings``, a :class:`~cmfpga.protocol.settings.BatchSettings`, are run-time inputs. ``roi`` writes the row of
+        a core of one ROI anew. A table of regions reads neither that nor ``thinning``, ``thin_target`` and
+        ``start_last``. Where windows slide, all are taken over when the row is written anew.
 
         Returns
         -------
@@ -271,19 +248,8 @@ def open_engine(name, config, *, option="engine"):
 def usual_preset(given, *, batches=False, engine="rtl", objects=1):
     """The preset of a track that names none: that whose windows slide, unless batches are asked for or needed.
 
-    Parameters
-    ----------
-    given : dict
-        Fields that the user gives.
-    batches : bool
-        The user asks for batches.
-    engine : str
-    objects : int
-
-    Returns
-    -------
-    str, str or None
-        The preset, and a note for the user where windows cannot slide.
+    ``given`` are the fields that the user gives; ``batches``: the user asks for them. Returns the preset, and a note
+    for the user where windows cannot slide, or None.
     """
     if batches:
         return DEFAULT_PRESET, None

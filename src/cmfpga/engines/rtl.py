@@ -39,17 +39,11 @@ class VerilatedEngine(Engine):
         if self.config.slides:
             if settings.roi is not None:
                 self._core.reset()
-            return self._slide(events, settings)
+            parts = (events[at : at + _PIECE] for at in range(0, len(events), _PIECE))
+            return [result for part in parts for result in self._core.slide(part.t, part.x, part.y, settings)]
         results = self._core.results([(events.t, events.x, events.y)], settings)
         self.cycles = self._core.finished[-1] - self._core.offered[-1]
         return results
-
-    def _slide(self, events, settings):
-        found = []
-        for at in range(0, len(events), _PIECE):
-            part = events[at : at + _PIECE]
-            found += self._core.slide(part.t, part.x, part.y, settings)
-        return found
 
     def close(self):
         super().close()
@@ -71,7 +65,7 @@ class AmaranthEngine(Engine):
             "(Verilator with g++ or clang++ does a thousand times that)"
         )
         self.core = Core(config)
-        self._job = None  # (events, settings, table of schedules, words of mask and nodes) of the batch to simulate
+        self._job = None  # (events, settings, writes into tables) of the batch to simulate
         self._mask = self._lens = None  # as they stand
         self._outcome = None
 
@@ -89,8 +83,10 @@ class AmaranthEngine(Engine):
         self._mask = settings.hot_mask or self._mask
         nodes = node_writes(self.config, settings.camera) if settings.camera not in ((), self._lens) else []
         self._lens = settings.camera or self._lens
-        writes = [("mask_write", word) for word in mask] + [("node_write", node) for node in nodes]
-        self._job = (events, settings_values(self.config, settings), table, writes)
+        entries = (dict(zip(schedule_entry(self.config).members, row, strict=True)) for row in table)
+        writes = [("schedule_write", row) for row in enumerate(entries)]
+        writes += [("mask_write", word) for word in mask] + [("node_write", node) for node in nodes]
+        self._job = (events, settings_values(self.config, settings), writes)
         self._outcome = None
         # An upper bound of the batch's time: every event in the ROI, and the sweep after a reset.
         n, iterations = len(events), max(settings.iterations, len(table))
@@ -111,24 +107,18 @@ class AmaranthEngine(Engine):
         while True:
             while self._job is None:
                 await ctx.tick()
-            events, values, table, writes = self._job
+            events, values, writes = self._job
             self._job = None
-            for address, row in enumerate(table):
-                entry = dict(zip(schedule_entry(self.config).members, row, strict=True))
-                ctx.set(core.schedule_write.valid, 1)
-                ctx.set(core.schedule_write.payload, {"address": address, "entry": entry})
-                await ctx.tick()
-                ctx.set(core.schedule_write.valid, 0)
-            for name, word in writes:
+            for name, row in writes:
                 port = getattr(core, name)
                 ctx.set(port.valid, 1)
-                ctx.set(port.payload, dict(zip(port.payload.shape().members, word, strict=True)))
+                ctx.set(port.payload, dict(zip(port.payload.shape().members, row, strict=True)))
                 await ctx.tick()
                 ctx.set(port.valid, 0)
-            self._outcome = await self._batch(ctx, core, events, values)
+            self._outcome = await self._batch(ctx, events, values)
 
-    @staticmethod
-    async def _batch(ctx, core, events, values):
+    async def _batch(self, ctx, events, values):
+        core = self.core
         ctx.set(core.settings, nested(core.settings.shape(), values))
         rows = list(zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True))
         wrap = (1 << core.config.time_bits) - 1

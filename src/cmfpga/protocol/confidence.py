@@ -6,8 +6,6 @@ numbers mean, and what they do not see: docs/rounds.md.
 
 A motion beyond translation is evaluated once more for each of its parameters, :data:`PROBE` px nearer to 0. What counts
 is the parameter along which the gradient falls the least, which is compared with Σ I².
-
-Imports neither Amaranth nor NumPy.
 """
 
 from math import hypot, sqrt
@@ -64,10 +62,7 @@ def probes_towards_zero(v, distance):
 
 
 def least_fall(v, last, probed):
-    """How much the gradient falls along the parameter along which it falls the least.
-
-    Of the gradient ``last`` at ``v``, and those at :func:`probes_towards_zero`, in their order.
-    """
+    """Least fall of the gradient along a parameter, from ``last`` at ``v`` to those at :func:`probes_towards_zero`."""
     falls = (g[k] - last[k] for k, g in enumerate(probed))
     return min(-fall if one < 0 else fall for one, fall in zip(v, falls, strict=True))
 
@@ -86,19 +81,8 @@ def kept(bits, *values):
 def is_trusted(config, n, limit, shape, contrast):
     """The hardware's verdict: whether the confidence is at least ``limit`` / :data:`LIMIT_SCALE`.
 
-    Of the curvature the ``config.widths.kept_bits`` highest bits are compared; more would change one verdict in
-    thousands.
-
-    Parameters
-    ----------
-    config : Config
-    n : int
-        Events of the evaluations.
-    limit : int
-        Setting ``confidence_limit``, raw.
-    shape : Curvature
-    contrast : int
-        As :func:`contrast` gives it.
+    ``n`` are the events of the evaluations, ``limit`` is the setting ``confidence_limit``, raw. Of the curvature
+    ``shape`` the ``config.widths.kept_bits`` highest bits are compared; more would change one verdict in thousands.
     """
     xx, yy, cross, contrast = kept(config.widths.kept_bits, *shape, contrast)
     by_n, by_limit = (scale * factor for scale, factor in zip(config.widths.judge_scales, (n, limit), strict=True))
@@ -167,17 +151,8 @@ def information(config, outcome):
 def confidence(config, outcome):
     """κ, per px²: the information along the direction in which v is known worst; 1/√κ px is its standard deviation.
 
-    In a motion beyond translation on the parameter that is known worst, if the others are known.
-
-    Parameters
-    ----------
-    config : Config
-    outcome : RegionOutcome or BatchResult
-
-    Returns
-    -------
-    float or None
-        Below 0 where the contrast has no peak; None of a batch that was not judged.
+    In a motion beyond translation on the parameter that is known worst, if the others are known. Below 0 where the
+    contrast has no peak; None of an outcome that was not judged.
     """
     if not is_judged(outcome):
         return None
@@ -215,4 +190,4 @@ def deviations(config, outcome):
         kappa = confidence(config, outcome)
         return (sqrt(1 / kappa + FLOORS[config.motion] ** 2),) * len(outcome.v) if kappa > 0 else None
     found = covariance(config, outcome)
-    return found and (sqrt(found[0]), sqrt(found[1]))
+    return found and tuple(map(sqrt, found[:2]))

@@ -12,13 +12,11 @@ the packet ends here. Numbers of several bytes are little-endian.
 Arguments: of :data:`HELLO` none, it makes the board forget the last number; of :data:`READ` a byte address (2); of
 :data:`WRITE` a byte address (2) and a word (4); of :data:`EVENTS` 32-bit words of events (4 each), of which two make a
 beat of 64 bits, the lower one first; :data:`EVENTS_LAST` is the same with TLAST behind them.
-
-Imports neither Amaranth nor NumPy.
 """
 
 import binascii
 
-from .registers.layout import Register, RegisterMap, command, constants, status, stored
+from .registers.layout import RegisterMap, command, constants, in_order, status, stored
 
 END, ESCAPE, ESCAPED_END, ESCAPED_ESCAPE = 0xC0, 0xDB, 0xDC, 0xDD
 
@@ -58,39 +56,20 @@ COUNTERS = {
 }
 
 
-def _registers():
-    low_active = "active low"
-    made = [
-        ("LINK_ID", "what this is", constants(("MAGIC", 32, ID, "the letters LINK"))),
-        (
-            "LINK_SOURCE",
-            "where events come from; change it while nothing waits",
-            [
-                stored("CPI", 0, 1, "0: this link, 1: the sensor's port, which is paused otherwise"),
-                stored("BIG_ENDIAN", 1, 1, "of the sensor's port: a word's first byte is its highest"),
-                stored("HSYNC_LOW", 2, 1, f"its HSYNC is {low_active}"),
-                stored("VSYNC_LOW", 3, 1, f"its VSYNC is {low_active}"),
-            ],
-        ),
-        (
-            "LINK_WAITING",
-            "words on their way to the shell",
-            [
-                status("WORDS", 0, 16, "in the buffer", link="words"),
-                status("BEAT", 16, 1, "one is offered to the shell", link="beat"),
-            ],
-        ),
-        ("LINK_FLUSH", "forget the words in the buffer", [command("NOW", 0, 1, "do it")]),
-        *((f"COUNT_{name.upper()}", doc, [status("VALUE", 0, 32, doc, link=name)]) for name, doc in COUNTERS.items()),
-    ]
-    return tuple(
-        Register(name=name, offset=4 * k, group="Link", doc=doc, fields=tuple(fields))
-        for k, (name, doc, fields) in enumerate(made)
-    )
-
-
 #: Offsets are from :data:`BASE`.
-REGISTERS = RegisterMap(_registers())
+REGISTERS = RegisterMap(tuple(in_order("Link", [
+    ("LINK_ID", "what this is", constants(("MAGIC", 32, ID, "the letters LINK"))),
+    ("LINK_SOURCE", "where events come from; change it while nothing waits", [
+        stored("CPI", 0, 1, "0: this link, 1: the sensor's port, which is paused otherwise"),
+        stored("BIG_ENDIAN", 1, 1, "of the sensor's port: a word's first byte is its highest"),
+        stored("HSYNC_LOW", 2, 1, "its HSYNC is active low"),
+        stored("VSYNC_LOW", 3, 1, "its VSYNC is active low")]),
+    ("LINK_WAITING", "words on their way to the shell", [
+        status("WORDS", 0, 16, "in the buffer", link="words"),
+        status("BEAT", 16, 1, "one is offered to the shell", link="beat")]),
+    ("LINK_FLUSH", "forget the words in the buffer", [command("NOW", 0, 1, "do it")]),
+    *((f"COUNT_{name.upper()}", doc, [status("VALUE", 0, 32, doc, link=name)]) for name, doc in COUNTERS.items()),
+])))  # fmt: skip
 
 
 def frame(payload):

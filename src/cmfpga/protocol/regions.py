@@ -1,7 +1,4 @@
-"""The table of regions: what each row says, and as what the hardware holds it.
-
-Imports neither Amaranth nor NumPy.
-"""
+"""The table of regions: what each row says, and as what the hardware holds it."""
 
 from dataclasses import dataclass
 
@@ -74,17 +71,18 @@ class Region:
     def check(self, config, number):
         """Raise :exc:`ConfigError` unless row ``number`` of the hardware's table can hold it."""
         where, frame = f"region {number}", (config.roi_width, config.roi_height)
-        size, sensor = (self.width, self.height), config.geometry.size
         if number >= config.regions:
             raise ConfigError(f"{where}: at most {config.regions} regions are allowed (regions)")
-        for name, axis, side, at, most in zip("xy", (self.x, self.y), size, self.corner(config), frame, strict=True):
+        places, sizes, sensor = (self.x, self.y), (self.width, self.height), config.geometry.size
+        axes = zip("xy", places, sizes, self.corner(config), frame, sensor, strict=True)
+        for name, place, side, at, most, end in axes:
             if side < 1 or at < 0 or at + side > most:
                 raise ConfigError(
                     f"{where}: {side} px along {name} from {at} of the image on: at most {most} px are allowed "
                     "(roi_width, roi_height)"
                 )
-            if not 0 <= axis < sensor["xy".index(name)]:
-                raise ConfigError(f"{where}: {name} = {axis}: 0 to {sensor['xy'.index(name)] - 1} is allowed")
+            if not 0 <= place < end:
+                raise ConfigError(f"{where}: {name} = {place}: 0 to {end - 1} is allowed")
         if self.start not in STARTS:
             raise ConfigError(f"{where}: start = {self.start!r}: one of {', '.join(STARTS)} is needed")
         if self.start == "parent" and not 0 <= self.parent < number:
@@ -144,19 +142,14 @@ def row_shape(config):
 
 
 class RegionTable:
-    """A table of regions that is replaced between batches, and what of it the hardware does not hold yet.
-
-    Attributes
-    ----------
-    regions : list of Region
-    """
+    """A table of ``regions`` that is replaced between batches, and what of it the hardware does not hold yet."""
 
     #: Of a row to be written, in the order of :meth:`changes`.
     names = ("number", "fresh")
 
     def __init__(self, config):
         self.config, self.regions, self._rows = config, [], []
-        self.names += tuple(leaf for leaf in leaves("row", row_shape(config)))
+        self.names += tuple(leaves("row", row_shape(config)))
 
     def forget(self):
         """The hardware holds nothing: all rows will be written, fresh."""
@@ -190,12 +183,7 @@ def tables(config, regions, settings):
     """What the hardware's tables hold for ``regions``: (rows, schedule).
 
     Rows are lists of the leaves of :func:`row_shape`; the schedule a list of :func:`~.settings.table_entry`, in which
-    every plan lies once.
-
-    Raises
-    ------
-    ConfigError
-        A region cannot be held, or the plans are longer than the table of schedules.
+    every plan lies once. Raises :exc:`ConfigError` where a region cannot be held, or the plans exceed the table.
     """
     places, entries = {}, []
 
@@ -210,21 +198,11 @@ def tables(config, regions, settings):
     for number, region in enumerate(regions):
         region.check(config, number)
         begin = region.corner(config)
-        rows.append(
-            [
-                region.x,
-                region.y,
-                *begin,
-                begin[0] + region.width,
-                begin[1] + region.height,
-                STARTS.index(region.start),
-                region.parent,
-                *plan(region.cold, settings.cold),
-                *plan(region.warm, settings.warm),
-                region.stride.bit_length() - 1,
-                int(region.moves),
-            ]
-        )
+        rows.append([
+            region.x, region.y, *begin, begin[0] + region.width, begin[1] + region.height,
+            STARTS.index(region.start), region.parent, *plan(region.cold, settings.cold),
+            *plan(region.warm, settings.warm), region.stride.bit_length() - 1, int(region.moves),
+        ])  # fmt: skip
     if len(entries) > config.schedule_entries:
         raise ConfigError(
             f"schedules of the regions: {len(entries)} iterations; at most {config.schedule_entries} are allowed "

@@ -2,8 +2,6 @@
 
 The core's output, its Verilog ports, the result packet, registers and counters, :class:`BatchResult` and the tables of
 the documentation follow from that table. How to add a field: docs/adding.md.
-
-Imports neither Amaranth nor NumPy.
 """
 
 import dataclasses
@@ -23,32 +21,26 @@ from .settings import (
     with_regions,
     with_windows,
 )
-from .shapes import REQUIRED, Place, always, corner, leaves, pair, up_to, whole
+from .shapes import Declared, Place, always, corner, leaves, pair, record, up_to, whole
 
 CYCLE_BITS = 32
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResultField:
+class ResultField(Declared):
     """One field of a batch's result.
 
     ``name`` is that of the member of :func:`cmfpga.rtl.payloads.result`, of the Verilog port behind ``result_``, of the
-    link of its registers' fields, and of the attribute of :class:`BatchResult`.
+    link of its registers' fields, and of the attribute of :class:`BatchResult`. Word k of its places is also the k-th
+    32-bit word of a result packet. Where the hardware has it not, outcomes have the default.
     """
 
-    name: str
-    shape: Callable  # shape(config)
     scope: str  # batch; region, of one region of interest; wrapper, of the AXI top alone (WireResult); packet
     counts: bool | Callable = False  # one of those that add up to events; counts(config)
     taken_in: bool = False  # known when the batch has been taken in, before its first iteration
-    when: Callable = always  # when(config): the hardware has it; without it, outcomes have the default
     read: Callable | None = None  # read(*raw leaves): the attribute; by default real numbers, a tuple if several
-    default: Any = REQUIRED  # of the attribute
     nothing: Any = 0  # the attribute of a batch without events
-    places: tuple = ()  # Place, in the result registers; word k is also the k-th 32-bit word of a result packet
     total: Place | None = None  # the counter that adds it up over all results
-    doc: str
-    unit: str = ""
 
     def value(self, config, values):
         """The attribute's value of ``{leaf: raw value}``."""
@@ -257,15 +249,9 @@ def not_judged(config):
 
 
 def decode(config, values, *more):
-    """``{name: value}`` of a result.
+    """``{name: value}`` of a result, of the raw ``values`` of its leaves.
 
-    Parameters
-    ----------
-    config : Config
-    values : dict of str to int
-        Raw values of the leaves: of the Verilog ports behind ``result_``, or of a result packet.
-    more : str
-        ``wrapper``, of a result packet.
+    Those are of the Verilog ports behind ``result_``, or of a result packet, which has the scope ``wrapper``, too.
     """
     found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more, config=config)}
     if Flag.DEGENERATE in found["flags"]:
@@ -279,22 +265,11 @@ def decode(config, values, *more):
 # ---------------------------------------------------------------- outcomes
 
 
-def _record(name, scope):
-    """A dataclass of the fields of a scope."""
-    members = [
-        (f.name, Any) if f.default is REQUIRED else (f.name, Any, field(default=f.default)) for f in fields_of(scope)
-    ]
-    return dataclasses.make_dataclass(name, members, namespace={"__module__": __name__}, frozen=True, kw_only=True)
-
-
 @dataclass(frozen=True, kw_only=True)
-class RegionOutcome(_record("_RegionFields", "region")):
+class RegionOutcome(record("_RegionFields", __name__, fields_of("region"))):
     """What came of one region of interest in a batch: the fields of :data:`RESULTS` with the scope ``region``.
 
-    Parameters
-    ----------
-    trace : cmfpga.protocol.trace.Trace, optional
-        The iterations; its last sums are ``sums`` unless they are given.
+    ``trace``, a :class:`cmfpga.protocol.trace.Trace`, has the iterations; its last sums are ``sums`` unless given.
     """
 
     trace: Any = field(default=None, repr=False)
@@ -305,7 +280,7 @@ class RegionOutcome(_record("_RegionFields", "region")):
 
 
 @dataclass(frozen=True, kw_only=True, init=False)
-class BatchResult(_record("_BatchFields", "batch")):
+class BatchResult(record("_BatchFields", __name__, fields_of("batch"))):
     """What came of one batch, wherever it was computed: the fields of :data:`RESULTS` with the scope ``batch``.
 
     ``events = roi_events + outside + overflow + thinned + time_back + time_span + hot + noise``, always: nothing is
@@ -314,13 +289,10 @@ class BatchResult(_record("_BatchFields", "batch")):
     While a batch has exactly one region, that region's fields are the outcome's too: ``outcome.v`` is
     ``outcome.regions[0].v``, ``BatchResult(events=…, v=…)`` makes the region, and ``dataclasses.replace`` replaces
     them. Of several regions, reading such a field raises :exc:`AttributeError`.
-
-    Parameters
-    ----------
-    regions : tuple of RegionOutcome
     """
 
-    regions: tuple
+    regions: tuple  # of RegionOutcome
+    _more = ()  # scopes of a result packet beside those of the core
 
     def __init__(self, *, regions=None, **values):
         for own in dataclasses.fields(self):
@@ -346,24 +318,20 @@ class BatchResult(_record("_BatchFields", "batch")):
     def nothing(cls, *rows):
         """Of no events; each of ``rows`` is what is known of a region nevertheless."""
         regions = [RegionOutcome(**{f.name: f.nothing for f in fields_of("region")} | row) for row in rows]
-        return cls(**{f.name: f.nothing for f in fields_of("batch", *cls._wrapper())}, regions=regions)
+        return cls(**{f.name: f.nothing for f in fields_of("batch", *cls._more)}, regions=regions)
 
     @classmethod
     def decoded(cls, config, rows, traces=None):
         """Of raw values, ``{leaf: value}`` of each region in the order of their numbers; ``traces`` are theirs."""
-        found = [decode(config, row, *cls._wrapper()) for row in rows]
+        found = [decode(config, row, *cls._more) for row in rows]
         own = [f.name for f in fields_of("region", config=config)]
         traces = traces or [None] * len(rows)
         regions = [
             RegionOutcome(**{name: values.pop(name) for name in own}, trace=trace)
             for values, trace in zip(found, traces, strict=True)
         ]
-        told = {f.name for f in fields_of(*cls._wrapper()) if f.default is False}  # by any of the packet's records
+        told = {f.name for f in fields_of(*cls._more) if f.default is False}  # by any of the packet's records
         return cls(**found[0] | {name: any(values[name] for values in found) for name in told}, regions=regions)
-
-    @classmethod
-    def _wrapper(cls):
-        return ("wrapper",) if issubclass(cls, WireResult) else ()
 
     def split(self):
         """A result of each region."""
@@ -371,8 +339,10 @@ class BatchResult(_record("_BatchFields", "batch")):
 
 
 @dataclass(frozen=True, kw_only=True, init=False)
-class WireResult(BatchResult, _record("_WrapperFields", "wrapper")):
+class WireResult(BatchResult, record("_WrapperFields", __name__, fields_of("wrapper"))):
     """What a result packet carries: a :class:`BatchResult`, and the fields of :data:`RESULTS` of the AXI top alone.
 
     ``batch`` is 0 of a batch without events, which never reaches the hardware. Time stamps are modulo 2^32.
     """
+
+    _more = ("wrapper",)

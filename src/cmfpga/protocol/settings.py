@@ -2,86 +2,57 @@
 
 The core's inputs, its Verilog ports, the registers, :class:`BatchSettings` and the tables of the documentation follow
 from that table. How to add a setting: docs/adding.md.
-
-Imports neither Amaranth nor NumPy.
 """
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from operator import attrgetter
 
 from ..config.schedule import DISTANCES, STRIDES
 from ..config.windows import USUAL_EVENTS, hop_events, hop_of, window_events
 from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
-from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
+from .shapes import REQUIRED, Declared, Place, leaves, pair, record, up_to, whole
 
-
-def by_signs(config):
-    """Only with an ascent by a schedule."""
-    return "cold" in config.ascent_rule.settings
-
-
-def by_gradient(config):
-    """Only with ``ascent="constant"``."""
-    return "eta" in config.ascent_rule.settings
-
-
-def with_confidence(config):
-    """Only with ``confidence=1``."""
-    return bool(config.confidence)
-
-
-def with_hot_pixels(config):
-    """Only with ``hot_pixels=1``."""
-    return bool(config.hot_pixels)
-
-
-def with_background(config):
-    """Only with ``background=1``."""
-    return bool(config.background)
+# Which hardware has something: ``when(config)``.
+by_signs, with_confidence, with_hot_pixels, with_background, with_windows, with_regions = map(
+    attrgetter, ("ascent_rule.has_table", "confidence", "hot_pixels", "background", "slides", "regions")
+)
 
 
 def with_undistortion(config):
-    """Only with ``undistortion="on"``."""
     return config.undistortion == "on"
 
 
-def with_windows(config):
-    """Only where windows slide."""
-    return config.slides
-
-
 def in_batches(config):
-    """Only where they do not."""
     return not config.slides
 
 
+def with_one_roi(config):
+    return not config.regions
+
+
+def with_rotation(config):
+    return config.motion == "rotation"
+
+
 @dataclass(frozen=True, kw_only=True)
-class Setting:
+class Setting(Declared):
     """One input of the hardware that may change from batch to batch.
 
     ``name`` is that of the member of :func:`cmfpga.rtl.payloads.settings`, of the Verilog port behind ``settings_``, of
     the link of its register's fields, and of the field of :class:`BatchSettings`; one without ``field``, ``asked`` and
-    ``default`` is no field there, but found from others by ``raw``.
+    ``default`` is no field there, but found from others by ``raw``. Without a ``shape`` it is a whole number that holds
+    ``high``.
     """
 
-    name: str
-    shape: Callable | None = None  # shape(config); by default a whole number that holds high
     high: Callable | None = None  # high(config): largest value; by default the format's, if it has fraction bits
     low: int = 0  # smallest value of an unsigned number; a register limits and flags others
     field: str | None = None  # run-time field of Config that says it; gives doc, unit and reset if nothing else does
     asked: Callable | None = None  # asked(config): its value in BatchSettings, where it is not just that of field
-    default: Any = REQUIRED  # of the field of BatchSettings
     raw: Callable | None = None  # raw(config, settings): the input's value, where it is not that of BatchSettings
     blocks: tuple = ("core",)  # core, shell (where batches end, in the AXI top), or both
-    when: Callable = always  # when(config): the hardware has the input
-    shown: Callable = always  # shown(config): there is a register; none for what the ascent has no use for
-    places: tuple = ()  # Place, in the register map
     reset: int | Callable | None = None  # the register's raw value after a reset; reset(config)
-    doc: str = ""
-    unit: str = ""
 
     @property
     def of_batch(self):
@@ -89,14 +60,12 @@ class Setting:
         return bool(self.field or self.asked or self.default is not REQUIRED)
 
     def shape_of(self, config):
-        """The input's shape."""
         if self.shape:
             return self.shape(config)
         high = self.high(config)
         return {part: up_to(most) for part, most in high.items()} if isinstance(high, dict) else up_to(high)
 
     def limits(self, config, leaf, part):
-        """Smallest and largest raw value of a leaf that a register allows; None: whatever fits."""
         q = leaves(self.name, self.shape_of(config))[leaf]
         if self.high:
             high = self.high(config)
@@ -104,14 +73,12 @@ class Setting:
         return (q.min if q.signed else self.low, q.max) if q.f else (None, None)
 
     def reset_of(self, config, q, high):
-        """A register's raw value after a reset."""
         if self.reset is not None or not self.field:
             return self.reset(config) if callable(self.reset) else self.reset or 0
         value = int(_field_of(config, self.field).default * (1 << q.f))
         return value if high is None else min(value, high)
 
     def doc_of(self, config):
-        """``(doc, unit)``."""
         meta = _field_of(config, self.field).metadata if self.field and not self.doc else vars(self)
         return meta["doc"], meta["unit"]
 
@@ -135,26 +102,6 @@ def _field_of(config, name):
     return type(config).__dataclass_fields__[name]
 
 
-def with_regions(config):
-    """Only with a table of regions."""
-    return config.regions > 0
-
-
-def with_one_roi(config):
-    """Only in a core of one ROI."""
-    return not config.regions
-
-
-def with_rotation(config):
-    """Only with ``motion="rotation"``."""
-    return config.motion == "rotation"
-
-
-def with_moving_roi(config):
-    """Only with a motion that the ROI follows."""
-    return any(parameter.moves_roi for parameter in config.motion_model.parameters)
-
-
 def velocity_shape(config):
     """The motion's parameters."""
     return {parameter.name: parameter.fmt for parameter in config.motion_model.parameters}
@@ -164,17 +111,6 @@ def _start(config):
     """Raw start velocity; what is no translation starts at 0."""
     start = {"x": config.v_start_x, "y": config.v_start_y} if config.start == "given" else {}
     return tuple(parameter.fmt.raw(start.get(parameter.name, 0.0)) for parameter in config.motion_model.parameters)
-
-
-def _place(config):
-    """A position on the sensor, in quarters of a pixel."""
-    geometry, frac = config.geometry, config.motion_model.place_frac
-    return pair(*(Q(bits, frac, signed=False) for bits in (geometry.x_bits, geometry.y_bits)))
-
-
-def _last_place(config):
-    """That of the sensor's last pixel."""
-    return pair(*(size - 1 << config.motion_model.place_frac for size in config.geometry.size))
 
 
 def plan_high(config):
@@ -254,12 +190,13 @@ SETTINGS = (
             high=lambda c: c.widths.thinning_max, shown=with_one_roi, places=(Place(word=11),)),
     Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0, shown=with_one_roi,
             when=in_batches, places=(Place(word=12),)),
-    Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,
+    Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=lambda c: not by_signs(c),
             # The sign ascent does not read it: the hardware may then count to less than the default.
             asked=lambda c: min(c.iterations, c.max_iterations), places=(Place(word=13),)),
-    Setting(name="eta", field="eta", shape=lambda c: c.formats.eta, shown=by_gradient,
+    Setting(name="eta", field="eta", shape=lambda c: c.formats.eta, shown=lambda c: not by_signs(c),
             doc="step of the gradient ascent, raw", places=(Place(word=14),)),
-    Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain, shown=with_moving_roi,
+    Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain,
+            shown=lambda c: any(parameter.moves_roi for parameter in c.motion_model.parameters),
             doc="displacement of the ROI per v, raw", places=(Place(word=6),)),
     Setting(name="start_last", shape=lambda c: whole(1), asked=lambda c: c.start == "last", reset=1,
             shown=with_one_roi, when=in_batches,
@@ -304,7 +241,10 @@ SETTINGS = (
             asked=lambda c: c.motion_model.lens(c), raw=lambda c, s: bool(s.camera),
             doc="1: undistort, as the table of nodes says",
             places=(Place(word=21, field="ENABLE", width=1),)),
-    Setting(name="centre", when=with_rotation, shape=_place, high=_last_place,
+    Setting(name="centre", when=with_rotation,
+            shape=lambda c: {axis: Q(getattr(c.geometry, f"{axis}_bits"), c.motion_model.place_frac, signed=False)
+                             for axis in "xy"},
+            high=lambda c: pair(*(size - 1 << c.motion_model.place_frac for size in c.geometry.size)),
             raw=lambda c, s: c.motion_model.centre(s.camera), doc="principal point, raw: quarters of a pixel",
             places=(Place(word=25, part="_x", field="X", width=16, doc="column, in quarters of a pixel"),
                     Place(word=25, part="_y", field="Y", lsb=16, width=16, doc="row"))),
@@ -321,32 +261,15 @@ def settings_of(config, block):
     return tuple(setting for setting in SETTINGS if block in setting.blocks and setting.when(config))
 
 
-_OfBatch = dataclasses.make_dataclass(
-    "_OfBatch",
-    [
-        (s.name, Any) if s.default is REQUIRED else (s.name, Any, dataclasses.field(default=s.default))
-        for s in SETTINGS
-        if s.of_batch
-    ],
-    namespace={"__module__": __name__},
-    frozen=True,
-    kw_only=True,
-)
-
-
 @dataclass(frozen=True, kw_only=True)
-class BatchSettings(_OfBatch):
+class BatchSettings(record("_OfBatch", __name__, (s for s in SETTINGS if s.of_batch))):
     """Run-time inputs of the hardware for one batch, as raw integers of their formats.
 
     The fields are ``roi``, and those of :data:`SETTINGS` that tools choose: pairs have x and y; ``cold`` and ``warm``
     are the iterations without and with a last v, ``ScheduleEntry`` or ``Round`` each.
-
-    Parameters
-    ----------
-    roi : pair of int, or None
-        Left column and top row of the ROI in px; None leaves it where the last batch's update put it.
     """
 
+    #: Left column and top row of the ROI in px; None leaves it where the last batch's update put it.
     roi: tuple[int, int] | None
 
     @classmethod

@@ -2,11 +2,12 @@
 
 A shape is a :class:`~cmfpga.fixed.Q`, or a dictionary of shapes by the names of the parts: ``{"x": Q, "y": Q}``. A leaf
 is a part that is a ``Q``; its name has the names on the way to it, joined by ``_``, as the Verilog ports have.
-
-Imports neither Amaranth nor NumPy.
 """
 
+import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from ..fixed import Q, bits_for
 
@@ -65,3 +66,42 @@ def corner(word, **more):
         Place(word=word, part="_x", field="X", width=16, unit="px", doc="left column of it", **more),
         Place(word=word, part="_y", field="Y", lsb=16, width=16, unit="px", doc="top row of it", **more),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Declared:
+    """A setting or a result: what its ports, its registers and its attribute follow from."""
+
+    name: str
+    shape: Callable | None = None  # shape(config)
+    when: Callable = always  # when(config): the hardware has it
+    shown: Callable = always  # shown(config): there is a register; none for what the ascent has no use for
+    default: Any = REQUIRED  # of the attribute
+    places: tuple = ()  # Place, in the register map
+    doc: str = ""
+    unit: str = ""
+
+    def shape_of(self, config):
+        """The port's shape."""
+        return self.shape(config)
+
+    def doc_of(self, config):
+        """``(doc, unit)``."""
+        return self.doc, self.unit
+
+    def limits(self, config, leaf, part):
+        """Smallest and largest raw value of a leaf that a register allows; None: whatever fits."""
+        return None, None
+
+    def reset_of(self, config, q, high):
+        """A register's raw value after a reset."""
+        return 0
+
+
+def record(name, module, declared):
+    """A dataclass of ``declared``, each a field with its default."""
+    members = [
+        (one.name, Any) if one.default is REQUIRED else (one.name, Any, dataclasses.field(default=one.default))
+        for one in declared
+    ]
+    return dataclasses.make_dataclass(name, members, namespace={"__module__": module}, frozen=True, kw_only=True)

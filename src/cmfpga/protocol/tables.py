@@ -3,8 +3,6 @@
 Each window has the members of what fills the hardware's table: :func:`cmfpga.rtl.regions.payloads.row_write`,
 :func:`cmfpga.rtl.payloads.node_write`, :func:`cmfpga.rtl.payloads.mask_write`. The last register says which row it is;
 a write to it writes the row.
-
-Imports neither Amaranth nor NumPy.
 """
 
 from .regions import ROW
@@ -50,16 +48,7 @@ def window_of(registers, name):
 
 
 def window_words(registers, name, values):
-    """``[(register, word)]`` that write a row, in order.
-
-    Parameters
-    ----------
-    registers : RegisterMap
-    name : str
-        Key of :data:`TABLES`.
-    values : dict of str to int
-        By the links of the registers' fields, all of them.
-    """
+    """``[(register, word)]`` that write a row of the table ``name``, in order; ``values`` by the fields' links, all."""
     return [
         (register, register.pack(**{f.name: values[f.link] for f in register.fields}))
         for register in window_of(registers, name)

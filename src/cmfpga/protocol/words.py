@@ -31,33 +31,16 @@ from .word_format import COLUMN_BITS, HIGH_BITS, LOW_BITS, TIME_BITS, TIME_HIGH,
 
 
 def encode(events, form, *, swap=False):
-    """Words of ``events`` in the order in which they stand.
+    """Words of ``events`` in the order in which they stand: uint64 array, what a DMA sends.
 
-    Parameters
-    ----------
-    events : Events
-        Or anything with integer arrays ``t``, ``x``, ``y`` and ``p``.
-    form : str
-        A key of :data:`cmfpga.protocol.registers.FORMATS`.
-    swap : bool
-        Exchange the 32-bit halves of each word, as an IMX636 does.
-
-    Returns
-    -------
-    uint64 array
-        What a DMA sends, always whole 64-bit words.
-
-    Raises
-    ------
-    ValueError
-        A coordinate does not fit the format; or EVT 3.0 has no words for the times.
+    ``events`` have integer arrays ``t``, ``x``, ``y`` and ``p``; ``form`` is a key of
+    :data:`cmfpga.protocol.registers.FORMATS`. With ``swap`` the 32-bit halves of each word are exchanged, as an IMX636
+    does. Raises :exc:`ValueError` where a coordinate does not fit the format, or EVT 3.0 has no words for the times.
     """
     encoders = {"EVT21": encode_evt21, "EVT20": encode_evt20, "PACKED": encode_packed, "EVT30": encode_evt30}
-    try:
-        encoder = encoders[form]
-    except KeyError:
-        raise ValueError(f"format {form!r}: one of {', '.join(FORMATS)} is needed") from None
-    words = encoder(events.t, events.x, events.y, events.p)
+    if form not in encoders:
+        raise ValueError(f"format {form!r}: one of {', '.join(FORMATS)} is needed")
+    words = encoders[form](events.t, events.x, events.y, events.p)
     return swap_halves(words) if swap else words
 
 
@@ -167,43 +150,32 @@ def _with_time_words(words, high, time_words):
     return np.insert(words, np.flatnonzero(new), time_words[new])
 
 
+#: Lines that begin with %, up to "% end" if it is there.
+_HEADER = re.compile(rb"(?:%(?![^\S\n]*end[^\S\n]*\n)[^\n]*\n)*(?P<end>%[^\S\n]*end[^\S\n]*\n)?")
+
+
 def read_raw(path):
-    """The words of a Prophesee ``.raw`` file.
+    """The words of a Prophesee ``.raw`` file: ``(form, words)``, a key of FORMATS, and a uint64 array.
 
-    Returns
-    -------
-    form : str
-        Key of :data:`cmfpga.protocol.registers.FORMATS`.
-    words : uint64 array
-        Words that are missing at the end are filled with unused ones (type F).
-
-    Raises
-    ------
-    RecordingError
-        The file is not readable, or its format is not one that the hardware decodes.
+    Words that are missing at the end are filled with unused ones (type F). Raises :exc:`RecordingError` where the file
+    is not readable, or its format is not one that the hardware decodes.
     """
     path = Path(path)
     try:
         content = path.read_bytes()
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from None
-    header, start = [], 0
-    while content[start : start + 1] == b"%":
-        end = content.find(b"\n", start)
-        if end < 0:
-            raise RecordingError(f"{path}: a header line without an end")
-        header.append(content[start + 1 : end].decode("latin-1").strip())
-        start = end + 1
-        if header[-1] == "end":
-            break
-    found = " ".join(header).lower()
+    header = _HEADER.match(content)
+    body = content[header.end() :]
+    if not header["end"] and body.startswith(b"%"):
+        raise RecordingError(f"{path}: a header line without an end")
+    found = header[0].decode("latin-1").lower()
     widths = {"EVT21": (8, r"evt ?2\.?1"), "EVT20": (4, r"evt ?2(\.0)?\b"), "EVT30": (2, "evt ?3")}
     form = next((form for form, (_, said) in widths.items() if re.search(said, found)), None)
     if form is None:
         raise RecordingError(
             f"{path}: the header names none of evt 2.0, 2.1 and 3.0, which are what the AXI top decodes"
         )
-    body = content[start:]
     body = body[: len(body) - len(body) % widths[form][0]]
     body += b"\xff" * (-len(body) % 8)
     return form, np.frombuffer(body, "<u8").astype(np.uint64)
@@ -219,20 +191,10 @@ def split_packets(registers, words):
 
 
 def result_values(registers, words):
-    """Values of one result.
+    """Values of one result, ``{name: int}``, of the 32-bit words of a packet, or the result registers in their order.
 
-    Parameters
-    ----------
-    registers : RegisterMap
-        Of the same configuration.
-    words : sequence of int
-        The 32-bit words of a packet, or the result registers read one after the other.
-
-    Returns
-    -------
-    dict of str to int
-        Under the names of the core's results (``v_x``, ``roi_next_y``, ``sums_sx`` …), ``flags`` as
-        :class:`cmfpga.protocol.flags.Flag` has them; beside them ``batch``, ``t_ref``, ``wire`` and ``config_range``.
+    Names are those of the core's results (``v_x``, ``roi_next_y``, ``sums_sx`` …), ``flags`` as
+    :class:`cmfpga.protocol.flags.Flag` has them; beside them ``batch``, ``t_ref``, ``wire`` and ``config_range``.
     """
     group = registers.group("Result")
     places = {register.name: (register.offset - group[0].offset) // 4 for register in group}
@@ -240,25 +202,17 @@ def result_values(registers, words):
     if len(words) not in (count, 2 * registers["RESULT_SIZE"].reset):
         raise ValueError(f"{len(words)} words of a result: {count} are needed")
     word = {name: words[place] for name, place in places.items()}
-    values = {}
-    for link, parts in registers.linked("Result").items():
-        values[link] = sum(f.unpack(word[register.name]) << f.link_lsb for register, f in parts)
-    return values
+    return {
+        link: sum(f.unpack(word[register.name]) << f.link_lsb for register, f in parts)
+        for link, parts in registers.linked("Result").items()
+    }
 
 
 def setting_words(registers, settings):
     """``{register name: word}`` of the settings registers.
 
-    Parameters
-    ----------
-    registers : RegisterMap
-    settings : dict of str to int
-        By the links of the settings' fields; those without a register in this map are left out.
-
-    Raises
-    ------
-    ValueError
-        A value does not fit its field.
+    ``settings`` are by the links of their fields; those without a register in this map are left out. Raises
+    :exc:`ValueError` where a value does not fit its field.
     """
     words = {}
     for link, ((register, f),) in registers.linked("Settings").items():

@@ -43,9 +43,8 @@ def test_discovery(registers, config):
     version = registers["VERSION"].unpack(registers["VERSION"].reset)
     assert "{MAJOR}.{MINOR}.{PATCH}".format(**version) == __version__
     assert registers["BUILD"].reset == int(config.hardware_hash[:8], 16)
-    assert registers["SENSOR"].unpack(registers["SENSOR"].reset) == {
-        "WIDTH": config.sensor_width, "HEIGHT": config.sensor_height
-    }  # fmt: skip
+    sensor = registers["SENSOR"].unpack(registers["SENSOR"].reset)
+    assert sensor == {"WIDTH": config.sensor_width, "HEIGHT": config.sensor_height}
     assert registers["RESULT_SIZE"].reset == packet_beats(config)
 
 
@@ -139,9 +138,8 @@ def test_a_row_of_a_table_fits_its_registers(name):
     """Every leaf of a row once, with its own largest value; what is beyond a field is refused before it is written."""
     config = preset(name)
     registers = register_map(config)
-    assert registers["REGIONS"].unpack(registers["REGIONS"].reset) == {
-        "ROWS": config.regions, "UNITS": config.units, "BIN_BITS": config.bin_bits
-    }  # fmt: skip
+    sizes = registers["REGIONS"].unpack(registers["REGIONS"].reset)
+    assert sizes == {"ROWS": config.regions, "UNITS": config.units, "BIN_BITS": config.bin_bits}
     for table in tables_of(config):
         fields = {f.link: f for register in window_of(registers, table) for f in register.fields}
         assert list(fields) == [*dict.fromkeys(fields)] and set(fields) == set(leaves_of(Signal(WRITES[table](config))))
@@ -149,10 +147,7 @@ def test_a_row_of_a_table_fits_its_registers(name):
         assert all(f.high is None or f.high <= f.range[1] for f in fields.values())
         words = window_words(registers, table, values)
         assert [register.name for register, _ in words][-1] == f"{table.upper()}_WRITE"
-        for register, word in words:
-            assert {f.link: f.unpack(word) for f in register.fields} == {
-                f.link: values[f.link] for f in register.fields
-            }
+        assert all(f.unpack(word) == values[f.link] for register, word in words for f in register.fields)
 
 
 def test_time_stamps_of_more_bits_are_refused():
@@ -161,24 +156,20 @@ def test_time_stamps_of_more_bits_are_refused():
 
 
 def register(name="A", offset=0, **fields):
-    made = tuple(
-        Field(name=n, lsb=lsb, width=width, access=access, doc="") for n, (lsb, width, access) in fields.items()
-    )
-    return Register(name=name, offset=offset, group="g", doc="", fields=made)
+    keys = "lsb", "width", "access"
+    made = (Field(name=one, doc="", **dict(zip(keys, what, strict=True))) for one, what in fields.items())
+    return Register(name=name, offset=offset, group="g", doc="", fields=tuple(made))
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    {
-        "a name twice": (register(), register(offset=4)),
-        "an offset twice": (register(), register("B")),
-        "not a word": (register(offset=2),),
-        "beyond the map": (register(offset=0x1000),),
-        "bits twice": (register(f=(0, 8, "stored"), g=(7, 1, "status")),),
-        "too many bits": (register(f=(30, 3, "stored")),),
-        "an access that is none": (register(f=(0, 1, "rw")),),
-    }.values(),
-)
+@pytest.mark.parametrize("wrong", [
+    (register(), register(offset=4)),  # a name twice
+    (register(), register("B")),  # an offset twice
+    (register(offset=2),),  # not a word
+    (register(offset=0x1000),),  # beyond the map
+    (register(f=(0, 8, "stored"), g=(7, 1, "status")),),  # bits twice
+    (register(f=(30, 3, "stored")),),  # too many bits
+    (register(f=(0, 1, "rw")),),  # an access that is none
+])  # fmt: skip
 def test_a_map_that_is_not_sound_is_refused(wrong):
     with pytest.raises(ValueError, match=r"used twice|out of place"):
         RegisterMap(wrong)

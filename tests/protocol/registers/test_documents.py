@@ -47,16 +47,10 @@ def test_systemrdl(written):
     assert list(found) == [register.name for register in registers]
     for register in registers:
         fields = {
-            f.name: (
-                f.lsb,
-                f.width,
-                None if f.access == "status" else f.reset & ((1 << f.width) - 1),
-                f.writable,
-                f.access != "command",
-                f.access in ("status", "flag", "sticky"),
-            )
+            f.name: (f.lsb, f.width, None if f.access == "status" else f.reset & ((1 << f.width) - 1), f.writable,
+                     f.access != "command", f.access in ("status", "flag", "sticky"))
             for f in register.fields
-        }
+        }  # fmt: skip
         assert found[register.name] == (register.offset, register.count, fields)
 
 
@@ -95,10 +89,8 @@ def test_ip_xact(written):
     assert text(tree.getroot(), "name") == "cmfpga"
     found = {}
     for node in tree.iter(f"{space}register"):
-        fields = {
-            text(f, "name"): (int(text(f, "bitOffset"), 0), int(text(f, "bitWidth"), 0))
-            for f in node.iter(f"{space}field")
-        }
+        parts = node.iter(f"{space}field")
+        fields = {text(f, "name"): (int(text(f, "bitOffset"), 0), int(text(f, "bitWidth"), 0)) for f in parts}
         found[text(node, "name")] = (int(text(node, "addressOffset").replace("'h", "0x"), 0), fields)
     assert found == {
         register.name: (register.offset, {f.name: (f.lsb, f.width) for f in register.fields}) for register in registers
@@ -121,8 +113,8 @@ def test_ip_xact_keeps_its_schema(written):
 
 def test_html(written):
     registers, folder = written
-    text = "".join(path.read_text() for path in (folder / "registers-html").rglob("*.js*"))
-    text += "".join(path.read_text() for path in (folder / "registers-html").rglob("*.html"))
+    paths = [path for kind in ("*.js*", "*.html") for path in (folder / "registers-html").rglob(kind)]
+    text = "".join(path.read_text() for path in paths)
     assert all(register.name in text for register in registers)
 
 
@@ -136,12 +128,10 @@ def test_markdown(name):
         if len(cells) == 7 and cells[2][:1].isdigit():
             offset = int(cells[0], 16) if cells[0] else offset
             found[offset, cells[3]] = cells[2].split(":")
-    wanted = {
-        (register.offset, f.name): [f"{f.lsb + f.width - 1}", f"{f.lsb}"] if f.width > 1 else [f"{f.lsb}"]
-        for register in registers
-        for f in register.fields
+    fields = [(register.offset, f) for register in registers for f in register.fields]
+    assert found == {
+        (at, f.name): [f"{f.lsb + f.width - 1}", f"{f.lsb}"] if f.width > 1 else [f"{f.lsb}"] for at, f in fields
     }
-    assert found == wanted
 
 
 def test_without_peakrdl(tmp_path, monkeypatch):

@@ -1,7 +1,4 @@
-"""Registers that follow from the tables of settings and results, and the counters.
-
-Imports neither Amaranth nor NumPy.
-"""
+"""Registers that follow from the tables of settings and results, and the counters."""
 
 from ..results import COUNTS, RESULTS, counts_of
 from ..settings import SETTINGS, with_background, with_hot_pixels, with_windows
@@ -81,85 +78,54 @@ def counters(config):
         usual = docs.get("EVENTS_TAKEN", COUNTERS["EVENTS_TAKEN"][1])
         docs = {**docs, "EVENTS_TAKEN": " + ".join([usual, *filtered])}
     more = {name: (unit, doc) for name, (_, unit, doc) in MORE_COUNTERS.items()}
+    absent = {f"COUNT_{name}" for name, (when, *_) in MORE_COUNTERS.items() if not when(config)}
     made = in_order("Counters", [
-        (f"COUNT_{name}", docs.get(name, doc),
-         [status("VALUE", 0, 32, docs.get(name, doc), unit=unit, link=name.lower())])
-        for name, (unit, doc) in (COUNTERS | more).items()
+        (f"COUNT_{name}", doc := docs.get(name, usual), [status("VALUE", 0, 32, doc, unit=unit, link=name.lower())])
+        for name, (unit, usual) in (COUNTERS | more).items()
     ])  # fmt: skip
-    here = [when(config) for when, *_ in MORE_COUNTERS.values()]
-    return made[: len(COUNTERS)] + [one for one, there in zip(made[len(COUNTERS) :], here, strict=True) if there]
-
-
-def _registers(group, prefix, fields):
-    """Registers of ``(place, name and doc of the setting or result, field)``."""
-    words = {}
-    for place, name, doc, field in fields:
-        own = field.doc if place.field == "VALUE" else doc
-        first = (place.register or f"{prefix}{name.upper()}", place.register_doc or own, [])
-        words.setdefault(place.word, first)[2].append(field)
-    return [
-        Register(
-            name=name,
-            offset=BASE[group] + 4 * word,
-            group=group,
-            doc=doc,
-            fields=tuple(sorted(parts, key=lambda f: f.lsb)),
-        )
-        for word, (name, doc, parts) in sorted(words.items())
-    ]
+    return [register for register in made if register.name not in absent]
 
 
 def settings(config):
     """Registers of the settings that a configuration has a use for."""
-    return _declared(config, SETTINGS, "Settings", "stored")
+    return _registers(config, SETTINGS, "Settings", "stored")
 
 
 def tables(config):
     """Registers through which the tables of a configuration are written."""
-    return [
-        register
-        for declared in tables_of(config).values()
-        for register in _declared(config, declared, "Tables", "written")
-    ]
-
-
-def _declared(config, declared, group, access):
-    found = []
-    for setting in declared:
-        if not (setting.when(config) and setting.shown(config)):
-            continue
-        formats = leaves(setting.name, setting.shape_of(config))
-        doc, unit = setting.doc_of(config)
-        for place in setting.places:
-            if (leaf := setting.name + place.part) not in formats:
-                continue
-            low, high = setting.limits(config, leaf, place.part[1:])
-            field = Field(
-                name=place.field, lsb=place.lsb, width=place.width, access=place.access or access,
-                doc=place.doc or doc, unit=unit if place.unit is None else place.unit, low=low, high=high,
-                reset=setting.reset_of(config, formats[leaf], high), signed=formats[leaf].signed, link=leaf,
-            )  # fmt: skip
-            found.append((place, setting.name, doc, field))
-    return _registers(group, "", found)
+    rows = tables_of(config).values()
+    return [register for row in rows for register in _registers(config, row, "Tables", "written")]
 
 
 def results(config):
     """One batch's result, as the registers show it and as the packet carries it: word k is register k."""
-    found = []
-    for f in RESULTS:
-        if not f.when(config):
+    return _registers(config, RESULTS, "Result", "status", prefix="RESULT_")
+
+
+def _registers(config, declared, group, access, prefix=""):
+    words = {}
+    for one in declared:
+        if not (one.when(config) and one.shown(config)):
             continue
-        formats = leaves(f.name, f.shape(config))
-        for place in f.places:
-            leaf = f.name + place.part
-            if leaf not in formats:
+        formats = leaves(one.name, one.shape_of(config))
+        doc, unit = one.doc_of(config)
+        for place in one.places:
+            leaf = one.name + place.part
+            # Nor is there a register for a flag that this hardware never sets.
+            if leaf not in formats or (place.part_lsb >= formats[leaf].width and place.field != "VALUE"):
                 continue
-            if place.part_lsb >= formats[leaf].width and place.field != "VALUE":  # a flag that this hardware never sets
-                continue
+            low, high = one.limits(config, leaf, place.part[1:])
             field = Field(
-                name=place.field, lsb=place.lsb, width=place.width, access="status", doc=place.doc or f.doc,
-                unit=f.unit if place.unit is None else place.unit, link=leaf, link_lsb=place.part_lsb,
+                name=place.field, lsb=place.lsb, width=place.width, access=place.access or access,
+                doc=place.doc or doc, unit=unit if place.unit is None else place.unit, low=low, high=high,
+                reset=one.reset_of(config, formats[leaf], high), link=leaf, link_lsb=place.part_lsb,
                 signed=formats[leaf].signed if place.signed is None else place.signed,
             )  # fmt: skip
-            found.append((place, f.name, f.doc, field))
-    return _registers("Result", "RESULT_", found)
+            own = field.doc if place.field == "VALUE" else doc
+            first = place.register or f"{prefix}{one.name.upper()}", place.register_doc or own, []
+            words.setdefault(place.word, first)[2].append(field)
+    return [
+        Register(name=name, offset=BASE[group] + 4 * word, group=group, doc=doc,
+                 fields=tuple(sorted(parts, key=lambda f: f.lsb)))
+        for word, (name, doc, parts) in sorted(words.items())
+    ]  # fmt: skip

@@ -3,8 +3,6 @@
 The first 16 bytes are those of an AMD HLS block (``ap_ctrl_hs``; UG1399), with two differences that are said at the
 fields: ``DONE`` and the bits of ``ISR`` are cleared by writing 1, and reading never changes anything.
 Offsets are the same for every configuration; what a configuration has no use for is left out.
-
-Imports neither Amaranth nor NumPy.
 """
 
 from ... import __version__
@@ -14,7 +12,7 @@ from ..results import packet_beats
 from ..settings import schedule_highest
 from ..tables import tables_of
 from .contract import counters, results, settings, tables
-from .layout import BASE, Register, RegisterMap, command, constants, flag, in_order, status, sticky, stored
+from .layout import RegisterMap, command, constants, flag, in_order, status, sticky, stored
 
 #: Byte addresses of the AXI4-Lite port: 64 KiB, of which the map takes the first 4.
 ADDRESS_BITS = 16
@@ -58,20 +56,12 @@ def register_map(config):
     Only the hardware fields of ``config`` matter. Raises :exc:`ConfigError` where :func:`check` does.
     """
     check(config)
-    return RegisterMap(
-        (
-            *_control(),
-            *in_order("Discovery", _discovery(config)),
-            *in_order("Operation", _operation(config)),
-            *_regions(config),
-            *settings(config),
-            *results(config),
-            *counters(config),
-            *tables(config),
-            *_schedule(config),
-            *in_order("Scratch", [("SCRATCH", "for bring-up; nothing else uses it", [stored("VALUE", 0, 32, "any")])]),
-        )
-    )
+    scratch = ("SCRATCH", "for bring-up; nothing else uses it", [stored("VALUE", 0, 32, "any")])
+    return RegisterMap((
+        *in_order("Control", _control()), *in_order("Discovery", _discovery(config)),
+        *in_order("Operation", _operation(config)), *in_order("Regions", _regions(config)), *settings(config),
+        *results(config), *counters(config), *tables(config), *_schedule(config), *in_order("Scratch", [scratch]),
+    ))  # fmt: skip
 
 
 # ---------------------------------------------------------------- groups
@@ -94,15 +84,12 @@ def _control():
     ]  # fmt: skip
     enables = [stored(name, k, 1, f"interrupt when {doc}") for k, (name, doc) in enumerate(INTERRUPTS.items())]
     states = [sticky(name, k, 1, doc, link=name.lower()) for k, (name, doc) in enumerate(INTERRUPTS.items())]
-    return in_order(
-        "Control",
-        [
-            ("CTRL", "start, stop, reset; the first byte as in HLS", control),
-            ("GIE", "global interrupt enable", [stored("ENABLE", 0, 1, "0: irq stays low")]),
-            ("IER", "interrupt enables", enables),
-            ("ISR", "interrupt states, set whether enabled or not; irq is high while an enabled one is", states),
-        ],
-    )
+    return [
+        ("CTRL", "start, stop, reset; the first byte as in HLS", control),
+        ("GIE", "global interrupt enable", [stored("ENABLE", 0, 1, "0: irq stays low")]),
+        ("IER", "interrupt enables", enables),
+        ("ISR", "interrupt states, set whether enabled or not; irq is high while an enabled one is", states),
+    ]
 
 
 def _discovery(config):
@@ -121,75 +108,43 @@ def _discovery(config):
         more.append(("BINNING", 2, config.binning, "ROI and v are in pixels 2^BINNING as wide as the sensor's"))
     return [
         ("ID", "what this is", constants(("MAGIC", 32, ID, "the letters CMAX"))),
-        (
-            "VERSION",
-            "version of the Python package that made it",
-            constants(("PATCH", 16, patch, "patch"), ("MINOR", 8, minor, "minor"), ("MAJOR", 8, major, "major")),
-        ),
-        (
-            "BUILD",
-            "which hardware configuration",
-            constants(("HASH", 32, int(config.hardware_hash[:8], 16), "first 8 digits of the configuration hash")),
-        ),
-        (
-            "CAPS",
-            "capabilities",
-            constants(
-                ("LANES", 4, 1, "events a cycle"),
-                ("ONE_PASS", 1, config.gradient == "one_pass", "gradient: 0 sweep, 1 one_pass"),
-                ("SIGN", 1, table, "ascent: 0 constant, 1 sign"),
-                ("BUFFERS", 2, config.buffers, "event buffers"),
-                *formats[:3],
-                ("BYPASS", 1, 1, "INPUT.BYPASS"),
-                *more,
-                ("RESERVED", 12 - sum(width for _, width, *_ in (*more, *evt3)), 0, "0"),
-                *evt3,
-                ("MAP", 8, MAP_VERSION, "version of this register map"),
-            ),
-        ),
-        (
-            "SENSOR",
-            "sensor size",
-            constants(("WIDTH", 16, config.sensor_width, "columns"), ("HEIGHT", 16, config.sensor_height, "rows")),
-        ),
-        (
-            "ROI_SIZE",
-            "size of the region of interest",
-            constants(("WIDTH", 16, config.roi_width, "columns"), ("HEIGHT", 16, config.roi_height, "rows")),
-        ),
+        ("VERSION", "version of the Python package that made it", constants(
+            ("PATCH", 16, patch, "patch"), ("MINOR", 8, minor, "minor"), ("MAJOR", 8, major, "major"))),
+        ("BUILD", "which hardware configuration", constants(
+            ("HASH", 32, int(config.hardware_hash[:8], 16), "first 8 digits of the configuration hash"))),
+        ("CAPS", "capabilities", constants(
+            ("LANES", 4, 1, "events a cycle"),
+            ("ONE_PASS", 1, config.gradient == "one_pass", "gradient: 0 sweep, 1 one_pass"),
+            ("SIGN", 1, table, "ascent: 0 constant, 1 sign"),
+            ("BUFFERS", 2, config.buffers, "event buffers"),
+            *formats[:3],
+            ("BYPASS", 1, 1, "INPUT.BYPASS"),
+            *more,
+            ("RESERVED", 12 - sum(width for _, width, *_ in (*more, *evt3)), 0, "0"),
+            *evt3,
+            ("MAP", 8, MAP_VERSION, "version of this register map"))),
+        ("SENSOR", "sensor size", constants(
+            ("WIDTH", 16, config.sensor_width, "columns"), ("HEIGHT", 16, config.sensor_height, "rows"))),
+        ("ROI_SIZE", "size of the region of interest", constants(
+            ("WIDTH", 16, config.roi_width, "columns"), ("HEIGHT", 16, config.roi_height, "rows"))),
         ("BUFFER", "event buffer", constants(("EVENTS", 32, config.buffer_events, "ROI events of a batch"))),
         ("BATCH_LIMIT", "batches", constants(("EVENTS", 32, config.slice_events, "events of a batch"))),
-        (
-            "FORMATS",
-            "fixed-point formats",
-            constants(
-                ("V_FRAC", 8, config.v_frac, "fraction bits of V_X, V_Y, V_START_X, V_START_Y"),
-                ("V_INT", 8, config.v_int, "integer bits of them"),
-                ("ETA_FRAC", 8, config.eta_frac, "fraction bits of ETA"),
-                ("ROI_GAIN_FRAC", 8, config.roi_gain_frac, "fraction bits of ROI_GAIN"),
-            ),
-        ),
-        (
-            "SUM_FORMATS",
-            "formats of the sums, and of times",
-            constants(
-                ("WEIGHT_FRAC", 8, config.weight_frac, "fraction bits of a vote"),
-                ("DERIVATIVE_FRAC", 8, config.derivative_frac, "fraction bits of a vote's derivative"),
-                ("TIME_BITS", 8, config.time_bits, "bits of time stamps, which wrap"),
-                ("SPAN_BITS", 8, config.span_bits, "bits of times within a batch"),
-            ),
-        ),
-        (
-            "LIMITS",
-            "limits of the ascent",
-            constants(
-                ("ITERATIONS", 16, config.max_iterations, "largest number of iterations"),
-                ("SCHEDULE_ENTRIES", 12, config.schedule_entries if table else 0, "of the table"),
-                ("MAX_LEVEL", 4, config.max_level if table else 0, "coarsest level"),
-            ),
-        ),
+        ("FORMATS", "fixed-point formats", constants(
+            ("V_FRAC", 8, config.v_frac, "fraction bits of V_X, V_Y, V_START_X, V_START_Y"),
+            ("V_INT", 8, config.v_int, "integer bits of them"),
+            ("ETA_FRAC", 8, config.eta_frac, "fraction bits of ETA"),
+            ("ROI_GAIN_FRAC", 8, config.roi_gain_frac, "fraction bits of ROI_GAIN"))),
+        ("SUM_FORMATS", "formats of the sums, and of times", constants(
+            ("WEIGHT_FRAC", 8, config.weight_frac, "fraction bits of a vote"),
+            ("DERIVATIVE_FRAC", 8, config.derivative_frac, "fraction bits of a vote's derivative"),
+            ("TIME_BITS", 8, config.time_bits, "bits of time stamps, which wrap"),
+            ("SPAN_BITS", 8, config.span_bits, "bits of times within a batch"))),
+        ("LIMITS", "limits of the ascent", constants(
+            ("ITERATIONS", 16, config.max_iterations, "largest number of iterations"),
+            ("SCHEDULE_ENTRIES", 12, config.schedule_entries if table else 0, "of the table"),
+            ("MAX_LEVEL", 4, config.max_level if table else 0, "coarsest level"))),
         ("RESULT_SIZE", "results", constants(("BEATS", 32, packet_beats(config), "64-bit words of a result packet"))),
-    ]
+    ]  # fmt: skip
 
 
 def _operation(config):
@@ -210,34 +165,20 @@ def _operation(config):
     when = "takes effect when all words that came before have left: see STATUS.INPUT_PENDING"
     return [
         ("STATUS", "state", [status(name, k, 1, doc, link=name.lower()) for k, (name, doc) in enumerate(states)]),
-        (
-            "INPUT",
-            f"what comes on s_axis; {when}",
-            [
-                stored("FORMAT", 0, 2, "words" if config.evt3 else "words; 3 is as 2", values=formats_of(config),
-                       link="format"),
-                stored("SWAP", 4, 1, "exchange the 32-bit halves of each word (EVT 2.1 of an IMX636)", link="swap"),
-                stored("BYPASS", 8, 1, "pass the words of s_axis to m_axis, unchanged; no batches", link="bypass"),
-            ],
-        ),
-        (
-            "OUTPUT",
-            "what goes out on m_axis",
-            [stored("STREAM_RESULTS", 0, 1, "0: results in registers only, m_axis stays quiet", reset=1,
-                     link="stream_results")],
-        ),
-        (
-            "RESULT_HOLD",
-            "keep the result registers while they are read",
-            [stored("HOLD", 0, 1, "1: they do not change; results that come are counted by COUNT_RESULTS_HELD_BACK",
-                     link="hold")],
-        ),
-        (
-            "SETTINGS_LOCK",
-            "write several settings as one",
-            [stored("LOCK", 0, 1, "1: batches that begin use the settings as they were; 0: those written since",
-                     link="lock")],
-        ),
+        ("INPUT", f"what comes on s_axis; {when}", [
+            stored("FORMAT", 0, 2, "words" if config.evt3 else "words; 3 is as 2", values=formats_of(config),
+                   link="format"),
+            stored("SWAP", 4, 1, "exchange the 32-bit halves of each word (EVT 2.1 of an IMX636)", link="swap"),
+            stored("BYPASS", 8, 1, "pass the words of s_axis to m_axis, unchanged; no batches", link="bypass")]),
+        ("OUTPUT", "what goes out on m_axis", [
+            stored("STREAM_RESULTS", 0, 1, "0: results in registers only, m_axis stays quiet", reset=1,
+                   link="stream_results")]),
+        ("RESULT_HOLD", "keep the result registers while they are read", [
+            stored("HOLD", 0, 1, "1: they do not change; results that come are counted by COUNT_RESULTS_HELD_BACK",
+                   link="hold")]),
+        ("SETTINGS_LOCK", "write several settings as one", [
+            stored("LOCK", 0, 1, "1: batches that begin use the settings as they were; 0: those written since",
+                   link="lock")]),
     ]  # fmt: skip
 
 
@@ -261,7 +202,7 @@ def _regions(config):
             ("BIN_BITS", 8, config.bin_bits, "bins of the store are 2^BIN_BITS px wide"),
         )
         made.append(("REGIONS", "the table of regions", constants(*sizes)))
-    return in_order("Regions", made)
+    return made
 
 
 def _schedule(config):
@@ -274,17 +215,9 @@ def _schedule(config):
         "distance": "evaluated so far beside v: ¾, 1, 1½, 2 or 3 px, by its number from 0",
         "limit": "v moves by at most ((2 + c mod 2)·2^(c div 2))/2 raw units, c = LIMIT",
     }
-    fields = tuple(
+    fields = [
         stored(name.upper(), 8 * k, 8, docs[name], high=high, link=name)
         for k, (name, high) in enumerate(schedule_highest(config).items())
-    )
-    return [
-        Register(
-            name="SCHEDULE",
-            offset=BASE["Schedule"],
-            group="Schedule",
-            doc="the table of schedules: one entry an iteration; changes take effect between batches",
-            fields=fields,
-            count=config.schedule_entries,
-        )
     ]
+    doc = "the table of schedules: one entry an iteration; changes take effect between batches"
+    return in_order("Schedule", [("SCHEDULE", doc, fields)], count=config.schedule_entries)

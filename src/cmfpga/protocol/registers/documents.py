@@ -10,10 +10,7 @@ from ...errors import write_text
 from .layout import ACCESS
 
 #: What PeakRDL writes: file or folder, and what it is.
-BY_PEAKRDL = {
-    "registers.xml": "IP-XACT (IEEE 1685-2009)",
-    "registers-html/index.html": "HTML",
-}
+BY_PEAKRDL = {"registers.xml": "IP-XACT (IEEE 1685-2009)", "registers-html/index.html": "HTML"}
 
 # Of IP-XACT, as Vivado's `ipx` commands take it.
 _IPX_ACCESS = {"constant": "read-only", "status": "read-only", "written": "write-only", "command": "write-only"}
@@ -43,13 +40,11 @@ def systemrdl(registers, title):
     for register in registers:
         lines += ["    reg {", f"        name = {_quoted(register.name)};", f"        desc = {_quoted(register.doc)};"]
         for f in register.fields:
-            lines += ["        field {", f"            desc = {_quoted(_meaning(f))};"]
-            lines.append(f"            {_RDL_ACCESS[f.access]}")
-            if f.values:
-                lines.append(f"            encode = {_enum(register, f)};")
+            says = [f"desc = {_quoted(_meaning(f))};", _RDL_ACCESS[f.access]]
+            says += [f"encode = {_enum(register, f)};"] if f.values else []
             if f.access != "status":  # which has no value of its own
-                reset = f.reset & ((1 << f.width) - 1)
-                lines.append(f"            reset = {f.width}'h{reset:x};")
+                says.append(f"reset = {f.width}'h{f.reset & ((1 << f.width) - 1):x};")
+            lines += ["        field {", *(f"            {line}" for line in says)]
             lines.append(f"        }} {f.name}[{f.lsb + f.width - 1}:{f.lsb}];")
         count = f"[{register.count}]" if register.count > 1 else ""
         lines.append(f"    }} {register.name}{count} @ {register.offset:#x};")
@@ -66,14 +61,8 @@ def _enum(register, f):
 
 def _meaning(f):
     """A field's line, with unit and range."""
-    text = f.doc
-    if f.signed:
-        text += " (two's complement)"
-    if f.unit:
-        text += f" [{f.unit}]"
-    if f.high is not None and f.writable:
-        text += f"; {f.low or 0} to {f.high}"
-    return text
+    span = f"; {f.low or 0} to {f.high}" if f.high is not None and f.writable else ""
+    return f.doc + " (two's complement)" * f.signed + (f" [{f.unit}]" if f.unit else "") + span
 
 
 def markdown(registers):
@@ -148,12 +137,8 @@ def c_header(registers, settings=()):
             lines.append(f"#define {name}__{f.name}_LSB {f.lsb}")
             lines.append(f"#define {name}__{f.name}_MASK {f.mask:#x}u /* {_meaning(f)} */")
             lines += [f"#define {name}__{f.name}_{key} {value:#x}u" for key, value in values.items()]
-    pairs = ", \\\n    ".join(f"{{{offset:#x}u, {word:#x}u}}" for offset, word in settings)
-    lines += (
-        ["", "/* {offset, word} of each setting of a batch */", f"#define CMFPGA_SETTINGS \\\n    {pairs}"]
-        if pairs
-        else []
-    )
+    if pairs := ", \\\n    ".join(f"{{{offset:#x}u, {word:#x}u}}" for offset, word in settings):
+        lines += ["", "/* {offset, word} of each setting of a batch */", f"#define CMFPGA_SETTINGS \\\n    {pairs}"]
     return "\n".join([*lines, "", "#endif"]) + "\n"
 
 
@@ -175,17 +160,17 @@ def write_documents(registers, title, folder, settings=()):
 
     Returns their paths.
     """
-    names = ("registers.rdl", "registers.md", "regs.tcl", "cmfpga_registers.h")
-    rdl, table, script, header = (folder / name for name in names)
-    write_text(rdl, systemrdl(registers, title))
-    write_text(table, f"# Registers\n\n{title}\n\n{markdown(registers)}")
-    write_text(script, f"# {title}\n\n{tcl(registers)}")
-    write_text(header, f"/* {title} */\n{c_header(registers, settings)}")
-    paths = [rdl, table, script, header]
+    texts = {
+        "registers.rdl": systemrdl(registers, title),
+        "registers.md": f"# Registers\n\n{title}\n\n{markdown(registers)}",
+        "regs.tcl": f"# {title}\n\n{tcl(registers)}",
+        "cmfpga_registers.h": f"/* {title} */\n{c_header(registers, settings)}",
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
     if has_peakrdl():
-        _by_peakrdl(rdl, folder)
-        paths += [folder / name for name in BY_PEAKRDL]
-    return paths
+        _by_peakrdl(folder / "registers.rdl", folder)
+    return [folder / name for name in (*texts, *(BY_PEAKRDL if has_peakrdl() else ()))]
 
 
 def _by_peakrdl(rdl, folder):

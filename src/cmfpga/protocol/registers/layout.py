@@ -1,10 +1,8 @@
-"""What a register map is made of: fields, registers, and the map that finds them by name.
-
-Imports neither Amaranth nor NumPy, so that a driver on the board can use it.
-"""
+"""What a register map is made of: fields, registers, and the map that finds them by name."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import accumulate
 
 #: What software and hardware do with a field.
 ACCESS = {
@@ -18,55 +16,30 @@ ACCESS = {
 }
 
 
-#: Byte offsets of the groups.
+#: Byte offsets of the groups; the serial link has a map of its own.
 BASE = {
     "Control": 0x000, "Discovery": 0x010, "Operation": 0x040, "Regions": 0x060, "Settings": 0x080, "Result": 0x100,
-    "Counters": 0x200, "Tables": 0x300, "Schedule": 0x400, "Scratch": 0xFFC,
+    "Counters": 0x200, "Tables": 0x300, "Schedule": 0x400, "Scratch": 0xFFC, "Link": 0x000,
 }  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Field:
-    """Some bits of a register.
+    """Some bits of a register."""
 
-    Parameters
-    ----------
-    name : str
-        In upper case, unique in its register.
-    lsb, width : int
-        Position and number of bits.
-    access : str
-        A key of :data:`ACCESS`.
-    doc : str
-        One line.
-    unit : str
-    reset : int
-        Value after a reset (of a signed field: the signed value).
-    signed : bool
-        Two's complement.
-    low, high : int or None
-        Smallest and largest value that is allowed; others are limited to them and flagged. None: whatever fits.
-    values : dict of str to int
-        Names of values.
-    link : str
-        What stands behind the field: the name of a setting, a result, a counter or a signal of the hardware.
-    link_lsb : int
-        The field's lowest bit in it.
-    """
-
-    name: str
+    name: str  # in upper case, unique in its register
     lsb: int
     width: int
-    access: str
-    doc: str
+    access: str  # a key of ACCESS
+    doc: str  # one line
     unit: str = ""
-    reset: int = 0
-    signed: bool = False
-    low: int | None = None
-    high: int | None = None
-    values: dict = field(default_factory=dict)
-    link: str = ""
-    link_lsb: int = 0
+    reset: int = 0  # value after a reset; of a signed field the signed value
+    signed: bool = False  # two's complement
+    low: int | None = None  # smallest and largest value that is allowed; others are limited to them and flagged
+    high: int | None = None  # None: whatever fits
+    values: dict = field(default_factory=dict)  # {name: value}
+    link: str = ""  # what stands behind the field: a setting, a result, a counter or a signal of the hardware
+    link_lsb: int = 0  # the field's lowest bit in it
 
     @property
     def mask(self):
@@ -101,30 +74,14 @@ class Field:
 
 @dataclass(frozen=True, kw_only=True)
 class Register:
-    """A 32-bit word of the map, or ``count`` of them in a row.
+    """A 32-bit word of the map, or ``count`` of them in a row."""
 
-    Parameters
-    ----------
-    name : str
-        In upper case, unique in the map.
-    offset : int
-        Bytes from the start of the map, a multiple of 4.
-    group : str
-        A heading of the documentation.
-    doc : str
-        One line.
-    fields : tuple of Field
-        From the lowest bit on.
-    count : int
-        More than 1: an array with a stride of 4 bytes.
-    """
-
-    name: str
-    offset: int
-    group: str
-    doc: str
-    fields: tuple
-    count: int = 1
+    name: str  # in upper case, unique in the map
+    offset: int  # bytes from the start of the map, a multiple of 4
+    group: str  # a heading of the documentation
+    doc: str  # one line
+    fields: tuple  # of Field, from the lowest bit on
+    count: int = 1  # more than 1: an array with a stride of 4 bytes
 
     def __getitem__(self, name):
         """The field called ``name``."""
@@ -212,30 +169,25 @@ class RegisterMap:
 # ---------------------------------------------------------------- short ways of declaring
 
 
-def in_order(group, declared):
+def in_order(group, declared, count=1):
     """Registers of ``(name, doc, fields)``, one after the other."""
     return [
-        Register(name=name, offset=BASE[group] + 4 * k, group=group, doc=doc, fields=tuple(fields))
+        Register(name=name, offset=BASE[group] + 4 * k, group=group, doc=doc, fields=tuple(fields), count=count)
         for k, (name, doc, fields) in enumerate(declared)
     ]
 
 
-def _make(access):
-    def make(name, lsb, width, doc, **more):
-        return Field(name=name, lsb=lsb, width=width, access=access, doc=doc, **more)
-
-    return make
+def _make(access, name, lsb, width, doc, **more):
+    return Field(name=name, lsb=lsb, width=width, access=access, doc=doc, **more)
 
 
-constant, status, stored, flag, sticky, command = map(
-    _make, ("constant", "status", "stored", "flag", "sticky", "command")
+constant, status, stored, flag, sticky, command = (
+    partial(_make, access) for access in ("constant", "status", "stored", "flag", "sticky", "command")
 )
 
 
 def constants(*fields):
     """Fields of ``(name, width, value, doc)`` beside each other."""
-    lsb, made = 0, []
-    for name, width, value, doc in fields:
-        made.append(constant(name, lsb, width, doc, reset=value))
-        lsb += width
-    return made
+    lsbs = accumulate((width for _, width, *_ in fields), initial=0)
+    placed = zip(fields, lsbs, strict=False)
+    return [constant(name, lsb, width, doc, reset=value) for (name, width, value, doc), lsb in placed]
