@@ -13,8 +13,8 @@ from cmfpga.config import preset
 from cmfpga.errors import ConfigError, RecordingError
 from cmfpga.forms import Text
 from cmfpga.sweep import plan, task
-from cmfpga.sweep.plan import Run, Subject, choices, rows, subjects
-from cmfpga.sweep.task import Task, run_task, version
+from cmfpga.sweep.plan import Subject, choices, rows, subjects
+from cmfpga.sweep.task import Run, Task, run_task, version
 from cmfpga.truth import pieces, read_truth, sidecar
 from support.sweeping import make_recording, run_here, small
 
@@ -187,30 +187,27 @@ def test_a_malformed_truth_in_the_recording(tmp_path, changes):
 
 @pytest.fixture
 def a_task(recordings):
-    (row,) = rows(
-        subjects([str(recordings[0])], None, Run()), choices("fast", ["roi_width=8", "roi_height=8"], [])[0], Run()
-    )
-    return row.task
+    found, _ = choices("fast", ["roi_width=8", "roi_height=8"], [])
+    return rows(subjects([str(recordings[0])], None, Run()), found, Run())[0].task
 
 
-@pytest.mark.parametrize("changes", [
-    {"digest": "0"}, {"roi": (1, 1)}, {"engine": "model"}, {"size": {"events": 7}}, {"size": {"duration_us": 5000}},
-    {"start_event": 1}, {"batches": 3}, {"sensor": (32, 24)}, {"time_unit": "us"}, {"truth": None},
-    {"version": "0.0.1"}, "runtime", "hardware",
+@pytest.mark.parametrize("part, changes", [
+    *((None, one) for one in ({"digest": "0"}, {"roi": (1, 1)}, {"truth": None}, {"version": "0.0.1"})),
+    *(("run", one) for one in (
+        {"engine": "model"}, {"size": {"events": 7}}, {"size": {"duration_us": 5000}}, {"start_event": 1},
+        {"batches": 3}, {"sensor": (32, 24)}, {"time_unit": "us"},
+    )),
+    ("config", {"roi_gain": 1.0}), ("config", {"weight_frac": 5}),
 ])  # fmt: skip
-def test_a_key_depends_on_all_that_the_result_does(a_task, changes):
-    if isinstance(changes, str):
-        field = {"runtime": {"roi_gain": 1.0}, "hardware": {"weight_frac": 5}}[changes]
-        changes = {"config": a_task.config.replace(**field)}
+def test_a_key_depends_on_all_that_the_result_does(a_task, part, changes):
+    changes = {part: dataclasses.replace(getattr(a_task, part), **changes)} if part else changes
     assert dataclasses.replace(a_task, **changes).key != a_task.key
-    assert {field.name for field in dataclasses.fields(Task)} == {
-        "path", "digest", "config", "roi", "engine", "size", "start_event", "batches", "sensor", "time_unit", "truth",
-        "version",
+    fields = {field.name for kind in (Task, Run) for field in dataclasses.fields(kind)}
+    assert fields == {
+        "path", "digest", "config", "roi", "run", "truth", "version",
+        "engine", "size", "start_event", "batches", "sensor", "time_unit",
     }  # fmt: skip
-
-
-def test_a_key_does_not_depend_on_the_path(a_task):
-    assert dataclasses.replace(a_task, path="elsewhere").key == a_task.key
+    assert dataclasses.replace(a_task, path="elsewhere").key == a_task.key, "it does not depend on the path"
 
 
 def test_a_worker_of_another_version_refuses(a_task):

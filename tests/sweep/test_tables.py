@@ -9,8 +9,8 @@ import pytest
 from cmfpga.config import Config, preset
 from cmfpga.fpga import resources
 from cmfpga.sweep import tables
-from cmfpga.sweep.plan import Choice, Row, Run, Subject
-from cmfpga.sweep.task import Store
+from cmfpga.sweep.plan import Choice, Row, Subject
+from cmfpga.sweep.task import Run, Store
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.truth import Truth
 
