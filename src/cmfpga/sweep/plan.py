@@ -202,7 +202,7 @@ def _subject(name, roi, run):
         truth = read_truth(path)
         digest = hashlib.sha256()
         with path.open("rb") as file:
-            for block in iter(lambda: file.read(1 << 20), b""):
+            while block := file.read(1 << 20):
                 digest.update(block)
     except (UserError, OSError) as error:
         return Subject(name=name, path=path, roi=roi, problem=" ".join(str(error).splitlines()))
@@ -224,10 +224,10 @@ def rows(subjects, choices, run):
 
 
 def _row(subject, choice, run):
-    if subject.problem:
-        return Row(subject=subject, choice=choice, roi=subject.roi, problem=subject.problem)
     roi = subject.roi
     try:
+        if subject.problem:
+            raise ConfigError(subject.problem)
         config = choice.config(subject)
         roi = subject.roi_for(config)
         check_roi(config, roi, config.pixel)

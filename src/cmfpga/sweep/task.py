@@ -13,8 +13,8 @@ import math
 import os
 import signal
 import sys
-import tempfile
 import traceback
+import uuid
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -63,18 +63,15 @@ class Store:
 
 def write_atomically(path, content):
     """Write bytes so that whoever reads ``path`` finds what was there before, or all of it."""
-    handle, scratch = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    scratch = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
-        with naming(path), os.fdopen(handle, "wb") as file:
+        with naming(path), scratch.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(scratch, 0o666 & ~umask)  # mkstemp's are for their owner only
         os.replace(scratch, path)
     except BaseException:
-        Path(scratch).unlink(missing_ok=True)  # an interrupt may come when it has its name already
+        scratch.unlink(missing_ok=True)  # an interrupt may come when it has its name already
         raise
 
 
@@ -252,16 +249,18 @@ def pool(count, scheduler=None):
     for name in ("distributed.client", "tornado.application"):  # they have levels of their own
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
-        with _connected(distributed, scheduler) as client:
+        with contextlib.closing(_connected(distributed, scheduler)) as client:
+            if not client.nthreads():
+                note = f"note: the scheduler at {scheduler} has no workers yet; waiting for one"
+                print(note, file=sys.stderr, flush=True)
             yield Dask(client, f"the scheduler at {scheduler}")
         return
     with contextlib.ExitStack() as stack:
         # No dashboard, and any free port for what is left of its server: of a second sweep beside this one, whose
         # server has the usual port, dask would warn.
-        anywhere = {"dashboard_address": "127.0.0.1:0"}
         cluster = distributed.LocalCluster(
             n_workers=max(1, count), threads_per_worker=1, processes=count > 0, dashboard_address=None,
-            scheduler_kwargs=anywhere,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
         )  # fmt: skip
         stack.callback(_close, cluster)
         client = distributed.Client(cluster)
@@ -290,14 +289,9 @@ def _no_interrupt(distributed):
     return NoInterrupt()
 
 
-@contextlib.contextmanager
 def _connected(distributed, address):
     try:
-        client = distributed.Client(address, timeout=TIMEOUT)
+        return distributed.Client(address, timeout=TIMEOUT)
     except (OSError, ValueError, TypeError, ImportError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(f"--scheduler {address}: no scheduler answers there: {reason}") from None
-    with contextlib.closing(client):
-        if not client.nthreads():
-            print(f"note: the scheduler at {address} has no workers yet; waiting for one", file=sys.stderr, flush=True)
-        yield client

@@ -35,19 +35,8 @@ LONGEST, RESERVE, TRIED, NEARLY = 1.6, 2.0, 3, 0.6
 def window_lengths(config, cutter, trial, roi):
     """The settings that say how long windows and hops are: those of the configuration, or as suits the motion.
 
-    Parameters
-    ----------
-    config : Config
-    cutter : BatchCutter
-        A :class:`~cmfpga.tracking.fit.FittedCutter` surveys the first events, unless ``window_events`` says it all.
-    trial : callable
-        As of its survey.
-    roi : (x, y, width, height)
-
-    Yields
-    ------
-    None
-        Where the source has no events yet.
+    A :class:`~cmfpga.tracking.fit.FittedCutter` surveys the first events in ``roi``, (x, y, width, height), unless
+    ``window_events`` says it all; ``trial`` is as of its survey. Yields None where the source has no events yet.
     """
     count, longest = window_events(config), 1 << (config.span_bits - 1)
     least = max(config.min_roi_events, count // FEWEST)
@@ -131,13 +120,9 @@ class PassedOver:
 
 
 class Newest:
-    """The newest events of the whole sensor, of which hops tell where a window begins and ends.
+    """The newest events of the whole sensor, the first that comes being number ``first``.
 
-    Parameters
-    ----------
-    config : Config
-    first : int
-        Number of the first event that comes.
+    Hops tell where in them a window begins and ends.
     """
 
     def __init__(self, config, first):

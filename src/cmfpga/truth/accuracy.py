@@ -16,7 +16,6 @@ import numpy as np
 from ..errors import ConfigError, RecordingError, naming
 from ..imaging.camera import Camera, extent, nearest, parameters
 from ..imaging.iwe import gain, scaled_roi_events
-from ..imaging.survey.statistics import box_sums
 from ..protocol.confidence import is_judged
 from ..protocol.flags import Flag
 from .known import FIELD, GYROSCOPE, POSES
@@ -113,11 +112,8 @@ class Accuracy:
         column, row, inside = nearest(window.config, at.x, at.y)
         seen = np.bincount((row * flow.shape[1] + column)[inside], minlength=flow[..., 0].size).reshape(flow.shape[:2])
         there = np.isfinite(flow).all(axis=2)
-        left, top = np.array(window.tiles.corners).T
-        every, few, *sums = (
-            box_sums(one.astype(np.float64), window.tiles.width, window.tiles.height)[top, left]
-            for one in (seen, seen * there, *(np.where(there, flow[..., k] * seen, 0.0) for k in (0, 1)))
-        )
+        weighted = (np.where(there, flow[..., k] * seen, 0.0) for k in (0, 1))
+        every, few, *sums = window.tiles.sums(*(one.astype(np.float64) for one in (seen, seen * there, *weighted)))
         known = (2 * few >= every) & (few > 0.5)
         return np.where(known[:, None], np.transpose(sums) / np.maximum(few, 1)[:, None], np.nan)
 

@@ -131,16 +131,12 @@ def read_truth_csv(path):
 
 
 def _checked(where, source, times, velocities, start=None):
-    try:
-        times, velocities = np.asarray(times, float), np.asarray(velocities, float)
-        start = None if start is None else np.asarray(start, float)
-    except (TypeError, ValueError):
-        raise RecordingError(f"{where}: numbers are needed") from None
-    if times.ndim != 1 or not len(times) or velocities.shape != (len(times), 2):
+    times, velocities = np.asarray(times, float), np.asarray(velocities, float)
+    if not len(times):
         raise RecordingError(f"{where}: one time, and vx and vy, are needed for each piece")
     if not (np.isfinite(times).all() and np.isfinite(velocities).all()) or (np.diff(times) <= 0).any():
         raise RecordingError(f"{where}: finite numbers, and times that ascend, are needed")
-    if start is not None and (start.shape != (2,) or not np.isfinite(start).all()):
+    if start is not None and not np.isfinite(start).all():
         raise RecordingError(f"{where}: start: x and y are needed")
     pieces = tuple(int(t) for t in times.round()), tuple(map(tuple, velocities.tolist()))
-    return Truth(source, *pieces, None if start is None else tuple(start.tolist()))
+    return Truth(source, *pieces, None if start is None else tuple(map(float, start)))
