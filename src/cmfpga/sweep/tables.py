@@ -13,10 +13,8 @@ from ..imaging.camera import RATES
 from ..protocol.flags import Flag
 from ..tracking.columns import COLUMNS, MORE, Column, columns, declared
 from ..tracking.verdict import Verdict
+from ..truth import WRONG_PX
 from .task import MORE_COLUMNS, version, write_atomically
-
-#: An error below this counts as found, px per half batch; the bound of ``studies.accuracy``.
-FOUND_PX = 0.6
 
 #: Columns of ``results``, in order, before those of the resources and the configuration.
 RESULTS = declared(
@@ -141,7 +139,7 @@ def summary(row, outcome):
         errors = errors_of(outcome)
         found["error_px_median"] = statistics.median(errors)
         found["error_px_max"] = max(errors)
-        found["error_below_0.6_px"] = _mean(error < FOUND_PX for error in errors)
+        found["error_below_0.6_px"] = _mean(error < WRONG_PX for error in errors)
     return found
 
 
@@ -293,7 +291,7 @@ def _aggregate(group, gains, estimates):
         "rows_ok": len(ok),
         "complete": bool(ok) and len(ok) == len(gains),
         "error_px": statistics.median(errors) if errors else None,
-        "below": _mean(error < FOUND_PX for error in errors),
+        "below": _mean(error < WRONG_PX for error in errors),
         "trusted": _trusted_share(ok),
         "gain": _mean(gain / most for gain, most in best if most > 0),
         "cycles": _mean(cycles),

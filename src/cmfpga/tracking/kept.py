@@ -56,7 +56,7 @@ class Detail:
     v: np.ndarray  # float64 [T + 1, P]
     levels: np.ndarray  # uint8 [T]: level of each iteration
 
-    @property
+    @functools.cached_property
     def size(self):
         """Compressed bytes, about, and no fewer than a share of those that they are."""
         arrays = (self.frame, self.x, self.y, np.diff(self.since, prepend=np.uint32(0)))
@@ -79,7 +79,7 @@ class Kept:
         self.roi_next = 0, 0  # after the last batch
         self.left_out = 0  # batches after the last row
         self._motion = motion
-        self._stride, self._sizes = 1, {}
+        self._stride = 1
 
     @property
     def frame_bin(self):
@@ -116,13 +116,10 @@ class Kept:
         self.truths.append(batch.true_px_per_s(self._motion) or (np.nan, np.nan))
         if batch.index % self._stride:
             return
-        detail = self._detail(batch)
-        self.details.append(detail)
-        self._sizes[detail.batch] = detail.size
-        while len(self.details) > 1 and sum(self._sizes.values()) > BUDGET:
+        self.details.append(self._detail(batch))
+        while len(self.details) > 1 and sum(detail.size for detail in self.details) > BUDGET:
             self._stride *= 2
             self.details = [detail for detail in self.details if detail.batch % self._stride == 0]
-            self._sizes = {detail.batch: self._sizes[detail.batch] for detail in self.details}
 
     def _detail(self, batch):
         config, result = self.config, batch.result

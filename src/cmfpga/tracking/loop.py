@@ -25,7 +25,7 @@ from .ambiguity import UNTRUSTED, Ambiguity, ambiguity
 from .columns import columns, csv_writer, row
 from .course import Course
 from .fit import FittedCutter
-from .sliding import Newest, Overlapping, PassedOver, window_lengths
+from .sliding import Newest, Overlapping, window_lengths, with_those_of
 
 
 def windows(engine, cutter, table, batches=None):
@@ -293,10 +293,8 @@ class _Objects(Table):
             self._courses[k].begin(events, self.places[k])
         self.engine.write([course.row for course in self._courses], anew)
         self._marks = self._noise.judge(events.t, events.x, events.y, settings) if self._noise else None
-        return [
-            (result, *course.replay.settings_of(result, replace(settings, roi=course.start)))
-            for course, result in zip(self._courses, super().measure(events, settings).split(), strict=True)
-        ]
+        each = zip(self._courses, super().measure(events, settings).split(), strict=True)
+        return [(result, *course.replay(result, settings)) for course, result in each]
 
     def trial(self, events, settings):
         if self.config.slides:
@@ -323,7 +321,7 @@ class _Objects(Table):
         lengths = yield from window_lengths(self.config, cutter, lambda events: self.trial(events, None), rois[0])
         given, pieces = replace(self._usual, **lengths), cutter.pieces()
         self.engine.write([Region.roi(self.config, course.start)], {0})
-        newest, passed, overlapping = Newest(self.config, cutter.position), PassedOver(), Overlapping()
+        newest, passed, overlapping = Newest(self.config, cutter.position), None, Overlapping()
         try:
             while most is None or index < most:
                 if (piece := pieces()) is WAITING:
@@ -340,12 +338,12 @@ class _Objects(Table):
                     self.passed_over += hop < 0
                     plan = given.cold if not self._warm else given.follow or given.warm
                     self._warm = not degenerate
+                    result = passed = with_those_of(passed, result)
                     if hop < 0 or hop % self._every:
-                        passed.add(result)
                         continue
-                    result = passed.before(result)
                     how = {"plan": plan[: result.iterations], "borne_out": borne_out}
                     how |= {"marks": marks if self._noise else None}
+                    passed = None
                     yield [TrackedBatch(index, self.config, events, result, **how)]
                     index += 1
                     if index == most:

@@ -99,24 +99,12 @@ class Overlapping:
         return 2 * sum(one for _, one in self._windows) >= len(self._windows)
 
 
-class PassedOver:
-    """Counts of the hops whose results are not kept: they are those of the next one that is."""
-
-    _COUNTS = ("events", "outside", "thinned", "time_back", "hot", "noise", "fresh")
-
-    def __init__(self):
-        self._counts = collections.Counter()
-
-    def add(self, result):
-        """A result that is not kept."""
-        self._counts.update({name: getattr(result, name) for name in self._COUNTS})
-
-    def before(self, result):
-        """``result``, which is kept, with the events that came since the last one that was."""
-        if not self._counts:
-            return result
-        counts, self._counts = self._counts, collections.Counter()
-        return dataclasses.replace(result, **{name: getattr(result, name) + counts[name] for name in self._COUNTS})
+def with_those_of(passed, result):
+    """``result`` with the counts of a hop before, whose result is ``passed`` over; None: of none."""
+    if passed is None:
+        return result
+    counts = ("events", "outside", "thinned", "time_back", "hot", "noise", "fresh")
+    return dataclasses.replace(result, **{name: getattr(passed, name) + getattr(result, name) for name in counts})
 
 
 class Newest:

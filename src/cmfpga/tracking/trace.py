@@ -126,7 +126,9 @@ class BatchTrace:
         if not -len(self) <= k < len(self):
             raise IndexError(f"iteration {k}: 0 to {len(self) - 1} is needed")
         k %= len(self)
-        done = self._real_iteration(k) if self._real else self._raw_iteration(k)
+        entry = self.plan[k]
+        events = (axis[used(entry, k, len(axis))] for axis in self._events)
+        done = (self._real_iteration if self._real else self._raw_iteration)(k, entry, *events)
         self._check(k, done)
         return done
 
@@ -142,15 +144,9 @@ class BatchTrace:
         if not all(np.allclose(a, b, rtol=1e-9, atol=1e-9) if self._real else np.array_equal(a, b) for a, b in pairs):
             raise self._changed()
 
-    def _used(self, k):
-        """The events of an iteration."""
-        return tuple(axis[used(self.plan[k], k, len(axis))] for axis in self._events)
-
-    def _raw_iteration(self, k):
-        config, entry = self.config, self.plan[k]
-        level = entry.level
+    def _raw_iteration(self, k, entry, x, y, dt):
+        config, level = self.config, entry.level
         columns, rows = config.geometry.level_size(level)
-        x, y, dt = self._used(k)
         v = tuple(map(int, self._v[k]))
         b = basis(config, x, y, roi=self.result.roi, camera=self._settings.camera)
         core = IntegerCore(config)
@@ -192,11 +188,9 @@ class BatchTrace:
             return newton(config, tuple(self.result.trace.v[number].tolist()), s.tolist(), entry)[0]
         return self.result.trace.v[number] + newton_step(s.tolist(), entry.distance / 4, entry.limit)
 
-    def _real_iteration(self, k):
-        config, entry = self.config, self.plan[k]
-        level = entry.level
+    def _real_iteration(self, k, entry, x, y, dt):
+        config, level = self.config, entry.level
         columns, rows = config.geometry.level_size(level)
-        x, y, dt = self._used(k)
         size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
         now = floating.evaluate(x, y, dt, self.v[k], level=level, **size)
         warped = (floating.at_level(axis, level).numpy() for axis in floating.warp(x, y, dt, self.v[k]))
