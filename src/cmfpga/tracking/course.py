@@ -6,7 +6,7 @@ from ..protocol.confidence import is_sure
 from ..protocol.flags import Flag
 from ..protocol.regions import MOST_STRIDE, Region
 from ..protocol.results import thins
-from ..protocol.settings import clamp_roi
+from ..protocol.settings import BatchSettings, clamp_roi
 from ..reference.integer.filters import next_thinning
 from .fit import LOST_BATCHES
 
@@ -21,12 +21,10 @@ class Course:
     """
 
     def __init__(self, config, roi):
-        self._config = config
+        self._config, self.replay = config, Replay(config)
         self.start = roi  # left column and top row of the next batch's ROI, px; None where the engine moves it
         self.row = None  # of the engine's table, a Region
         self._doubtful, self._speed = 0, (0.0, 0.0)  # batches not trusted in a row; px per half µs
-        self._following = False  # the batch before measured v, so the warm schedule applies
-        self._thinning = None  # what the batch before asks for
 
     def begin(self, events, place):
         """A new row at a place; of the events in it every so many are stored, so that the buffer holds them."""
@@ -55,13 +53,23 @@ class Course:
         self.start = clamp_roi(self._config, tuple(ahead))[0]
         return self.start
 
-    def replay(self, result, settings):
-        """``(plan, thinning)`` that an engine used for the next batch, whose :class:`BatchResult` this is.
+
+class Replay:
+    """Which settings an engine used for each batch: what it keeps between batches, apart from v and the ROI."""
+
+    def __init__(self, config):
+        self._config = config
+        self._following = False  # the batch before measured v, so the warm schedule applies
+        self._thinning = None  # what the batch before asks for
+
+    def settings_of(self, result, settings=None):
+        """``(plan, thinning)`` of the next batch, whose :class:`BatchResult` this is; by default as configured.
 
         ``plan`` has a ``ScheduleEntry`` per iteration; the engine stored one ROI event in ``thinning``.
         """
         config, rule = self._config, self._config.ascent_rule
-        self._following &= self.start is None
+        settings = settings or BatchSettings.from_config(config)
+        self._following &= settings.roi is None
         warm = rule.warm(settings, self._following) and not result.restarted
         plan = rule.plan(settings, warm)[: result.iterations]
         thinning = self._thinning if config.thin_target and self._thinning else config.thinning

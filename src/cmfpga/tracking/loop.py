@@ -293,8 +293,10 @@ class _Objects(Table):
             self._courses[k].begin(events, self.places[k])
         self.engine.write([course.row for course in self._courses], anew)
         self._marks = self._noise.judge(events.t, events.x, events.y, settings) if self._noise else None
-        each = zip(self._courses, super().measure(events, settings).split(), strict=True)
-        return [(result, *course.replay(result, settings)) for course, result in each]
+        return [
+            (result, *course.replay.settings_of(result, replace(settings, roi=course.start)))
+            for course, result in zip(self._courses, super().measure(events, settings).split(), strict=True)
+        ]
 
     def trial(self, events, settings):
         if self.config.slides:
