@@ -26,11 +26,11 @@ class IterationTrace:
     Real numbers, float64. Those of the engines ``rtl`` and ``model`` are raw integers times the step of their format,
     so nothing is lost; ``raw`` holds the integers. Positions, images and derivatives are in the image's pixels. ``x``,
     ``y``: warped columns and rows of the events that the iteration uses (:func:`cmfpga.config.schedule.used`), relative
-    to the ROI. ``v``, ``s`` and ``g`` have one member for each of the P parameters of the motion.
+    to the ROI. ``v``, ``s`` and ``g`` have one member for each of the m parameters of the motion.
     """
 
-    v: np.ndarray  # [P]: velocity that the iteration used, px per half batch
-    v_next: np.ndarray  # [P]: the one that it, or its round, found
+    v: np.ndarray  # [m]: velocity that the iteration used, px per half batch
+    v_next: np.ndarray  # [m]: the one that it, or its round, found
     level: int  # the image's pixels are 2^level px wide
     log2_step: int | None  # the step is 2^log2_step px per half batch; None for a constant η, and in rounds
     x: np.ndarray  # [n_k]
@@ -40,8 +40,8 @@ class IterationTrace:
     iwe_dy: np.ndarray  # [rows, columns]: ∂I/∂vy
     sum_i: float  # ΣI
     sum_d: np.ndarray  # [2]: ΣD
-    s: np.ndarray  # [P]: S = Σ I·D
-    g: np.ndarray  # [P]: G = P·S − ΣI·ΣD with P pixels; of motions beyond translation G = S
+    s: np.ndarray  # [m]: S = Σ I·D
+    g: np.ndarray  # [m]: G = P·S − ΣI·ΣD, of P pixels; of motions beyond translation G = S
     raw: dict | None  # the same names, int64, in the formats of ``Config``; None for the engine ``float``
 
 
