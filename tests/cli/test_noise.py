@@ -12,7 +12,7 @@ from cmfpga.cli import flow, info, track
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate, write_hdf5
 from cmfpga.imaging.survey import usual_survey
-from cmfpga.sweep import plan
+from cmfpga.sweep import plan, task
 
 HOT = {(20, 30): 900, (200, 11): 400}
 
@@ -74,7 +74,7 @@ def test_a_note_says_which_are_dropped_by_default(noisy, tmp_path, capsys):
             found = run(noisy, **more)
         assert found.config.hot == tuple(HOT)
     assert sum(one.hot for one in cmfpga.track(noisy, **how, hot_pixels=1, hot_mask="auto").results) == wanted
-    (subject,) = plan.subjects([f"{noisy}@100,31"], None, plan.Run(engine="model"))
+    (subject,) = plan.subjects([f"{noisy}@100,31"], None, task.Run(engine="model"))
     for assignments, hot in (([], tuple(HOT)), (["hot_pixels=0"], ())):
         (choice,), _ = plan.choices("fast", assignments, [])
         assert choice.config(subject).hot == hot

@@ -47,9 +47,8 @@ def test_a_quarter_that_moves_on_its_own_changes_little(model, rng):
     found = fit_field(model, window)
     assert (np.abs(found.values - TRUE[model]) < 6 * found.errors).all()
     assert found.agree < 0.8
-    plain = np.linalg.lstsq(
-        np.moveaxis(basis(model, CONFIG, window.centres), 2, 0).reshape(200, -1), window.px_per_s.ravel(), rcond=None
-    )[0]
+    system = np.moveaxis(basis(model, CONFIG, window.centres), 2, 0).reshape(200, -1)
+    plain = np.linalg.lstsq(system, window.px_per_s.ravel(), rcond=None)[0]
     assert np.abs(plain - TRUE[model]).max() > 4 * np.abs(found.values - TRUE[model]).max()
 
 

@@ -40,20 +40,23 @@ def test_the_flow_of_a_turning_camera(turned):
     assert np.median(errors(turned, np.median(true_turn(turned), axis=0))) > 2 * np.median(found)
 
 
+def in_tiles(window, x, y):
+    """Of each tile which events are in it."""
+    for left, top in window.tiles.corners:
+        yield (x >= left) & (x < left + 32) & (y >= top) & (y < top + 32)
+
+
 def test_counts_are_those_of_the_events_in_each_tile(slid):
-    x, y = slid.events.x, slid.events.y
-    for (left, top), outcome in zip(slid.tiles.corners, slid.tiles.of(slid.result), strict=True):
-        inside = (x >= left) & (x < left + 32) & (y >= top) & (y < top + 32)
+    outcomes = slid.tiles.of(slid.result)
+    for inside, outcome in zip(in_tiles(slid, slid.events.x, slid.events.y), outcomes, strict=True):
         assert outcome.roi_events + outcome.thinned + outcome.overflow == inside.sum()
-    assert [one.roi_events for one in slid.tiles.of(slid.result)] == slid.counts.tolist()
-    assert slid.outside == 0
+    assert [one.roi_events for one in outcomes] == slid.counts.tolist() and slid.outside == 0
 
 
 def test_centres_are_means_of_the_events_positions(turned):
     at = seen(turned.config, turned.events)
-    column, row = (np.floor(axis + 0.5) for axis in (at.x, at.y))
-    for (left, top), centre in zip(turned.tiles.corners, turned.centres, strict=True):
-        inside = (column >= left) & (column < left + 32) & (row >= top) & (row < top + 32)
+    inside_each = in_tiles(turned, *(np.floor(axis + 0.5) for axis in (at.x, at.y)))
+    for inside, centre in zip(inside_each, turned.centres, strict=True):
         assert centre == pytest.approx((at.x[inside].mean(), at.y[inside].mean()), abs=1e-6)
 
 

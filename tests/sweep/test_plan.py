@@ -12,20 +12,17 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError, RecordingError
 from cmfpga.forms import Text
-from cmfpga.sweep import plan, task
-from cmfpga.sweep.plan import Run, Subject, choices, rows, subjects
-from cmfpga.sweep.task import Task, run_task, version
+from cmfpga.sweep import task
+from cmfpga.sweep.plan import Subject, choices, rows, subjects
+from cmfpga.sweep.task import Run, Task, run_task, version
 from cmfpga.truth import pieces, read_truth, sidecar
 from support.sweeping import make_recording, run_here, small
-
-# ---------------------------------------------------------------- configurations
 
 
 def test_all_combinations_the_last_field_fastest():
     found, _ = choices("paper", ["eta=2"], ["iterations=5,10", "roi_gain=1,2"])
-    assert [choice.varied for choice in found] == [
-        {"iterations": t, "roi_gain": gain} for t in (5, 10) for gain in (1.0, 2.0)
-    ]
+    varied = [{"iterations": t, "roi_gain": gain} for t in (5, 10) for gain in (1.0, 2.0)]
+    assert [choice.varied for choice in found] == varied
     assert [choice.number for choice in found] == [0, 1, 2, 3]
     assert found[1].changes == {"eta": 2.0, "iterations": 5, "roi_gain": 2.0}
     assert found[1].label == "iterations = 5, roi_gain = 2.0"
@@ -37,16 +34,11 @@ def test_presets_vary_too_and_schedules_keep_their_blanks():
     assert [choice.number for choice in found] == [0, 1, 2, 3]
     unread = "cold = '{}': ascent = newton is needed; ascent = constant ignores it"
     assert skipped == [unread.format(schedule) for schedule in ("0:1:1*8", "1:1:1*4 0:1:1*4")]
-    assert found[1].fields(Subject(name="x", path=Path("x"), roi=None)) == {
-        **preset("fast").to_dict(),
-        "cold": "1:1:1*4 0:1:1*4",
-    }
+    subject = Subject(name="x", path=Path("x"), roi=None)
+    assert found[1].fields(subject) == preset("fast").to_dict() | {"cold": "1:1:1*4 0:1:1*4"}
     (only,), _ = choices("fast", [], [])
-    assert (
-        only.fields(Subject(name="x", path=Path("x"), roi=None, sensor=(640, 480)))
-        == preset("fast").replace(sensor_width=640, sensor_height=480).to_dict()
-    )
-    assert only.label == "as given"
+    wide = preset("fast").replace(sensor_width=640, sensor_height=480).to_dict()
+    assert only.fields(dataclasses.replace(subject, sensor=(640, 480))) == wide and only.label == "as given"
 
 
 @pytest.mark.parametrize("fixed, varied, message", [
@@ -68,10 +60,8 @@ def test_what_cannot_vary(fixed, varied, message):
 
 
 def test_a_combination_that_is_not_allowed_is_a_flagged_row(recordings, tmp_path):
-    done = run_here(
-        recordings[0], *small(buffer_events=None, min_roi_events=20), "--vary", "buffer_events=10,96", "--engine",
-        "model", "--out", tmp_path,
-    )  # fmt: skip
+    options = [*small(buffer_events=None, min_roi_events=20), "--vary", "buffer_events=10,96", "--engine", "model"]
+    done = run_here(recordings[0], *options, "--out", tmp_path)
     assert done.status == 0
     assert "1 of 2 rows without a result: min_roi_events = 20: at most 10 is allowed (buffer_events)\n" in done.out
     assert run_here(recordings[0], *small(), "--vary", "eta=1", "--out", tmp_path).error.endswith("eta is set twice")
@@ -86,9 +76,6 @@ def test_combinations_with_a_field_that_is_not_read_are_skipped_and_told_once(re
     assert labels == ["ascent = constant, eta = 0.1", "ascent = constant, eta = 0.2"]
     why = "eta = 0.1: ascent = constant is needed; ascent = newton ignores it"
     assert done.err == f"note: 2 of 4 combinations are skipped, as {why}\n"
-
-
-# ---------------------------------------------------------------- recordings and ROIs
 
 
 def test_the_roi_stands_behind_the_recording(recordings, tmp_path):
@@ -122,16 +109,13 @@ def test_an_roi_is_asked_for_where_nothing_says_it(tmp_path):
 
 
 def test_a_file_that_does_not_say_its_sensor(tmp_path):
-    columns = {"t": np.arange(300), "x": np.arange(300) % 8 + 4, "y": np.arange(300) % 7 + 4, "p": np.ones(300, int)}
-    np.savez(tmp_path / "x.npz", **columns)
+    t = np.arange(300)
+    np.savez(tmp_path / "x.npz", t=t, x=t % 8 + 4, y=t % 7 + 4, p=t // 300 + 1)
     options = [*small(), "--engine", "model", "--roi", "4,4", "--time-unit", "us", "--out", tmp_path / "out"]
     done = run_here(tmp_path / "x.npz", *options)
     told = "does not say how large its sensor is: taking 240×180 px; say it with --sensor W,H"
     assert done.err == f"note: {tmp_path / 'x.npz'} {told}\n"
     assert run_here(tmp_path / "x.npz", *options, "--sensor", "32,24").err == ""
-
-
-# ---------------------------------------------------------------- truth
 
 
 def test_truth_beside_the_recording_goes_first(tmp_path):
@@ -168,57 +152,47 @@ def test_a_malformed_sidecar(recordings, tmp_path, text, message):
     assert "truth.csv" in subject.problem
 
 
-@pytest.mark.parametrize(
-    "changes", [{"t": [0, 1]}, {"velocity": [[1.0]]}, {"t": [b"x"]}, {"start": [1.0]}, {"t": None}]
-)
-def test_a_malformed_truth_in_the_recording(tmp_path, changes):
+@pytest.mark.parametrize("name, value", [
+    ("t", [0, 1]), ("velocity", [[1.0]]), ("t", [b"x"]), ("start", [1.0]), ("start", [1.0, np.nan]), ("t", None),
+])  # fmt: skip
+def test_a_malformed_truth_in_the_recording(tmp_path, name, value):
     make_recording(tmp_path / "x.h5", 3, (300.0, 0.0))
     with h5py.File(tmp_path / "x.h5", "a") as file:
-        for name, value in changes.items():
-            del file[pieces.GROUP][name]
-            if value is not None:
-                file[pieces.GROUP][name] = value
+        del file[pieces.GROUP][name]
+        if value is not None:
+            file[pieces.GROUP][name] = value
     with pytest.raises(RecordingError, match="ground_truth/motion: "):
         read_truth(tmp_path / "x.h5")
 
 
-# ---------------------------------------------------------------- keys
-
-
 @pytest.fixture
 def a_task(recordings):
-    (row,) = rows(
-        subjects([str(recordings[0])], None, Run()), choices("fast", ["roi_width=8", "roi_height=8"], [])[0], Run()
-    )
-    return row.task
+    found, _ = choices("fast", ["roi_width=8", "roi_height=8"], [])
+    return rows(subjects([str(recordings[0])], None, Run()), found, Run())[0].task
 
 
-@pytest.mark.parametrize("changes", [
-    {"digest": "0"}, {"roi": (1, 1)}, {"engine": "model"}, {"size": {"events": 7}}, {"size": {"duration_us": 5000}},
-    {"start_event": 1}, {"batches": 3}, {"sensor": (32, 24)}, {"time_unit": "us"}, {"truth": None},
-    {"version": "0.0.1"}, "runtime", "hardware",
+@pytest.mark.parametrize("part, changes", [
+    *((None, one) for one in ({"digest": "0"}, {"roi": (1, 1)}, {"truth": None}, {"version": "0.0.1"})),
+    *(("run", one) for one in (
+        {"engine": "model"}, {"size": {"events": 7}}, {"size": {"duration_us": 5000}}, {"start_event": 1},
+        {"batches": 3}, {"sensor": (32, 24)}, {"time_unit": "us"},
+    )),
+    ("config", {"roi_gain": 1.0}), ("config", {"weight_frac": 5}),
 ])  # fmt: skip
-def test_a_key_depends_on_all_that_the_result_does(a_task, changes):
-    if isinstance(changes, str):
-        field = {"runtime": {"roi_gain": 1.0}, "hardware": {"weight_frac": 5}}[changes]
-        changes = {"config": a_task.config.replace(**field)}
+def test_a_key_depends_on_all_that_the_result_does(a_task, part, changes):
+    changes = {part: dataclasses.replace(getattr(a_task, part), **changes)} if part else changes
     assert dataclasses.replace(a_task, **changes).key != a_task.key
-    assert {field.name for field in dataclasses.fields(Task)} == {
-        "path", "digest", "config", "roi", "engine", "size", "start_event", "batches", "sensor", "time_unit", "truth",
-        "version",
+    fields = {field.name for kind in (Task, Run) for field in dataclasses.fields(kind)}
+    assert fields == {
+        "path", "digest", "config", "roi", "run", "truth", "version",
+        "engine", "size", "start_event", "batches", "sensor", "time_unit",
     }  # fmt: skip
-
-
-def test_a_key_does_not_depend_on_the_path(a_task):
-    assert dataclasses.replace(a_task, path="elsewhere").key == a_task.key
+    assert dataclasses.replace(a_task, path="elsewhere").key == a_task.key, "it does not depend on the path"
 
 
 def test_a_worker_of_another_version_refuses(a_task):
     done = run_task(dataclasses.replace(a_task, version="0.0.1"))
     assert done["status"] == "failed" and version() in done["reason"] and "0.0.1 is needed" in done["reason"]
-
-
-# ---------------------------------------------------------------- what is kept
 
 
 def test_only_good_outcomes_are_kept(tmp_path):
@@ -245,10 +219,7 @@ def test_a_write_that_fails_changes_nothing(tmp_path, monkeypatch):
             with pytest.raises(OSError, match="No space"):
                 task.write_atomically(tmp_path / "x", b"after")
         assert [path.name for path in tmp_path.iterdir()] == ["x"] and (tmp_path / "x").read_bytes() == b"before"
-    assert plan.PRESET == "preset"
 
-
-def test_an_interrupt_when_it_is_written_is_an_interrupt(tmp_path, monkeypatch):
     def replaced(*names):
         os.rename(*names)
         raise KeyboardInterrupt

@@ -129,9 +129,6 @@ def test_two_sweeps_do_not_write_to_one_folder(recordings, tmp_path):
     assert done.error == f"--out {tmp_path}: another command is writing there; another folder is needed"
 
 
-# ---------------------------------------------------------------- bad recordings
-
-
 def test_bad_recordings_are_flagged_and_the_rest_is_run(recordings, tmp_path):
     bad = tmp_path / "bad.h5"
     bad.write_bytes(recordings[0].read_bytes()[:3000])
@@ -184,18 +181,10 @@ def test_a_defect_is_a_failed_row_with_its_traceback(recordings, tmp_path, monke
     assert pandas.read_csv(tmp_path / "results.csv")["status"].tolist() == ["ok", "ok"]
 
 
-# ---------------------------------------------------------------- schedulers
-
-
-def test_a_scheduler_that_is_not_there(recordings, tmp_path):
-    with started(recordings[0], *small(), "--scheduler", "tcp://127.0.0.1:1", "--out", tmp_path) as process:
-        error = finish(process).error
-    assert error.startswith("--scheduler tcp://127.0.0.1:1: no scheduler answers there: ")
-
-
-def test_an_address_that_is_none(recordings, tmp_path):
-    with started(recordings[0], *small(), "--scheduler", "what://x", "--out", tmp_path) as process:
-        assert "what://x: no scheduler answers there: unknown address scheme" in finish(process).error
+@pytest.mark.parametrize("address, why", [("tcp://127.0.0.1:1", ""), ("what://x", "unknown address scheme")])
+def test_a_scheduler_that_is_not_there(recordings, tmp_path, address, why):
+    with started(recordings[0], *small(), "--scheduler", address, "--out", tmp_path) as process:
+        assert finish(process).error.startswith(f"--scheduler {address}: no scheduler answers there: {why}")
 
 
 def test_a_scheduler_whose_worker_comes_late_and_then_the_scheduler_goes(recordings, serial, tmp_path):
@@ -207,19 +196,16 @@ def test_a_scheduler_whose_worker_comes_late_and_then_the_scheduler_goes(recordi
         wait_until(lambda: address_file.exists() and "tcp" in address_file.read_text(), "the scheduler")
         address = re.search(r"tcp://[\d.:]+", address_file.read_text())[0]
         with started(*recordings, *OPTIONS, *MODEL, "--scheduler", address, "--out", tmp_path) as process:
-            assert (
-                process.stderr.readline() == f"note: the scheduler at {address} has no workers yet; waiting for one\n"
-            )
+            told = f"note: the scheduler at {address} has no workers yet; waiting for one\n"
+            assert process.stderr.readline() == told
             worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1"]
             with subprocess.Popen([*worker, "--no-dashboard"], **quiet, cwd=tmp_path) as late:
                 wait_until(lambda: len(kept(tmp_path)) >= 2, "the first rows")
                 scheduler.kill()
                 done = finish(process)
                 late.terminate()
-    assert (
-        done.error
-        == f"the scheduler at {address} is gone; what was done is kept, the same command goes on with the rest"
-    )
+    gone = f"the scheduler at {address} is gone; what was done is kept, the same command goes on with the rest"
+    assert done.error == gone
     done = run_here(*recordings, *OPTIONS, *MODEL, "--out", tmp_path)
     assert 2 <= int(re.search(r"32 rows, (\d+) of them kept", done.out)[1]) < 32
     assert_equal_results(tmp_path, serial("model"))
@@ -240,12 +226,16 @@ if __name__ == "__main__":
 """
 
 
+def script(path, text):
+    """``(standard output, standard error)`` of a script."""
+    path.write_text(text)
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=120)
+    return done.stdout, done.stderr
+
+
 def test_a_task_that_kills_its_worker_each_time(tmp_path):
-    (tmp_path / "crash.py").write_text(CRASH)
-    done = subprocess.run(
-        [sys.executable, tmp_path / "crash.py"], capture_output=True, text=True, timeout=120, env=os.environ
-    )
-    assert done.stdout == "the worker died each time that it was tried: out of memory, or a crash\n", done.stderr
+    out, err = script(tmp_path / "crash.py", CRASH)
+    assert out == "the worker died each time that it was tried: out of memory, or a crash\n", err
 
 
 BESIDE = """
@@ -264,9 +254,7 @@ def test_beside_another_that_has_the_usual_port(tmp_path):
         with contextlib.suppress(OSError):  # someone else has it: so much the better
             taken.bind(("", 8787))
             taken.listen()
-        (tmp_path / "beside.py").write_text(BESIDE)
-        done = subprocess.run([sys.executable, tmp_path / "beside.py"], capture_output=True, text=True, timeout=120)
-    assert (done.stdout, done.stderr) == ("here\n", "")
+        assert script(tmp_path / "beside.py", BESIDE) == ("here\n", "")
 
 
 def test_without_dask(recordings, tmp_path, monkeypatch):
@@ -277,9 +265,6 @@ def test_without_dask(recordings, tmp_path, monkeypatch):
 
 def test_processors():
     assert task.processors() == len(os.sched_getaffinity(0))
-
-
-# ---------------------------------------------------------------- resources
 
 
 @pytest.mark.usefixtures("long_tools")
@@ -309,9 +294,6 @@ def test_resources_once_per_hardware(recordings, tmp_path, monkeypatch):
     done = run_here(recordings[0], *options, "--vary", "weight_frac=5", "iterations=9")
     assert done.status == 0 and done.err == "note: no resources: yosys stopped\n"
     assert pandas.read_csv(tmp_path / "results.csv")["resources.lut"].isna().all()
-
-
-# ---------------------------------------------------------------- help
 
 
 def test_help_names_every_option_and_the_examples_parse():

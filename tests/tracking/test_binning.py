@@ -27,7 +27,8 @@ CASES = {
     "similarity": ({"preset": "similarity", "batch_events": 15_000, "roi_width": 64, "roi_height": 64},
                    {"velocity": (0, 0), "zoom": 1.2, "roll": 1.5, "duration_us": 300_000}),
     "rotation": ({"preset": "rotation", "batch_events": 50_000, "camera": CAMERA},
-                 {"rotation": (0.4, -0.7, 0.5), "camera": CAMERA, "size": (500, 400), "bars": 40}),
+                 {"rotation": (0.4, -0.7, 0.5), "camera": Camera(*parse_camera(CAMERA)), "size": (500, 400),
+                  "bars": 40}),
 }  # fmt: skip
 #: Columns in pixels, with their power of a pixel's width.
 IN_PIXELS = {
@@ -36,35 +37,24 @@ IN_PIXELS = {
 }  # fmt: skip
 
 
-def scene_of(changes):
-    changes = dict(changes)
-    if "camera" in changes:
-        changes["camera"] = Camera(*parse_camera(changes["camera"]))
-    return generate(**SCENE | changes)
-
-
-def halved(options):
-    """The options of the same track on a sensor whose pixels are twice as wide."""
-    changes = dict(options)
-    if "camera" in changes:
-        changes["camera"] = ",".join(map(repr, binned_camera(parse_camera(changes["camera"]), 1)))
-    return changes
+@pytest.fixture(scope="module")
+def flat():
+    return generate(**SCENE | FLAT)
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_all_columns_are_those_of_a_coarser_sensor_in_the_finer_ones_pixels(name):
     """Bit for bit, for a pixel's width is a power of two."""
     options, changes = CASES[name]
-    events = scene_of(changes).events
+    events = generate(**SCENE | changes).events
     place = None if name == "rotation" else (98, 76)
     size = {"roi_width": 160, "roi_height": 120} if name == "rotation" else {}
-    fine = cmfpga.track(
-        MemoryRecording(events, *SENSOR), roi=place, engine="model", binning=1, **size, **options
-    )  # fmt: skip
-    coarse = cmfpga.track(
-        MemoryRecording(Events(events.t, events.x >> 1, events.y >> 1, events.p), 160, 120),
-        roi=place and tuple(at >> 1 for at in place), engine="model", **size, **halved(options),
-    )  # fmt: skip
+    if "camera" in options:
+        camera = ",".join(map(repr, binned_camera(parse_camera(options["camera"]), 1)))
+    halved = options | ({"camera": camera} if "camera" in options else {})
+    wide = MemoryRecording(Events(events.t, events.x >> 1, events.y >> 1, events.p), 160, 120)
+    fine = cmfpga.track(MemoryRecording(events, *SENSOR), roi=place, engine="model", binning=1, **size, **options)
+    coarse = cmfpga.track(wide, roi=place and tuple(at >> 1 for at in place), engine="model", **size, **halved)
     assert len(fine) == len(coarse) > 3 and fine.trusted.mean() > 0.6
     wanted, found = coarse.to_arrays(), fine.to_arrays()
     assert set(IN_PIXELS) <= set(found)
@@ -76,14 +66,12 @@ def test_all_columns_are_those_of_a_coarser_sensor_in_the_finer_ones_pixels(name
     assert fine.verdict.px == 2 * coarse.verdict.px
 
 
-def test_velocity_and_place_are_the_scenes():
+def test_velocity_and_place_are_the_scenes(flat):
     """The same motion with and without; an ROI as large in the scene follows the object as well."""
-    scene = scene_of(FLAT)
-    roi = scene.roi_start(128, 128)
+    roi = flat.roi_start(128, 128)
     for binning, side in ((0, 128), (1, 64)):
-        found = cmfpga.track(
-            scene, engine="model", binning=binning, roi_width=side, roi_height=side, tag_bits=9, **QUAD
-        )  # fmt: skip
+        size = {"roi_width": side, "roi_height": side, "tag_bits": 9}
+        found = cmfpga.track(flat, engine="model", binning=binning, **size, **QUAD)
         assert tuple(at & -2 for at in roi) == (found.roi_x[0] & -2, found.roi_y[0] & -2)
         assert found.trusted.mean() > 0.9
         assert np.median(found.vx_px_per_s) == pytest.approx(400, rel=0.04)
@@ -93,24 +81,21 @@ def test_velocity_and_place_are_the_scenes():
         np.testing.assert_allclose(moved, (400 * seconds, -240 * seconds), atol=6)
 
 
-def test_several_objects_and_pieces():
+def test_several_objects_and_pieces(flat):
     """A table of regions, and events as they come, from the same places."""
-    scene = scene_of(FLAT)
     options = {"roi": (98, 76), "engine": "model", "batch_events": 6000, "binning": 1}
-    whole = cmfpga.track(scene.recording("scene"), preset="quad", **options)
+    whole = cmfpga.track(flat.recording("scene"), preset="quad", **options)
     with cmfpga.Tracker(sensor=SENSOR, preset="quad", **options) as tracker:
-        for part in np.array_split(np.arange(len(scene.events)), 7):
-            tracker.push(scene.events[part[0] : part[-1] + 1])
-    assert [*zip(tracker.tracking.roi_x, tracker.tracking.vx, strict=True)] == [
-        *zip(whole.roi_x, whole.vx, strict=True)
-    ]
-    rows = cmfpga.track(scene.recording("scene"), preset="objects", **options)
+        for part in np.array_split(np.arange(len(flat.events)), 7):
+            tracker.push(flat.events[part[0] : part[-1] + 1])
+    for name in ("roi_x", "vx"):
+        np.testing.assert_array_equal(getattr(tracker.tracking, name), getattr(whole, name))
+    rows = cmfpga.track(flat.recording("scene"), preset="objects", **options)
     assert np.median(rows.vx_px_per_s) == pytest.approx(400, rel=0.05) and rows.roi_x[0] == 98
 
 
-def test_pictures_and_exports_are_in_the_sensors_pixels():
-    scene = scene_of(FLAT)
-    found = cmfpga.track(scene, preset="quad", engine="model", batch_events=6000, binning=1)
+def test_pictures_and_exports_are_in_the_sensors_pixels(flat):
+    found = cmfpga.track(flat, preset="quad", engine="model", batch_events=6000, binning=1)
     figure = found.plot()
     frame = figure.axes[0]
     assert frame.get_images()[0].get_extent() == [-0.5, 319.5, 239.5, -0.5]
@@ -119,10 +104,8 @@ def test_pictures_and_exports_are_in_the_sensors_pixels():
     assert roi.get_xy() == (found.roi_x[0] - 0.5, found.roi_y[0] - 0.5)
     written = []
     stream = SimpleNamespace(log=lambda *told: written.append(told), set_time=lambda *_, **__: None)
-    kinds = SimpleNamespace(**{
-        name: lambda *args, **how: (args, how) for name in ("Points2D", "Boxes2D", "Arrows2D", "Scalars")
-    })  # fmt: skip
-    _Viewer(kinds, stream, found.config).add(_Again(found, 0))
+    kinds = dict.fromkeys(("Points2D", "Boxes2D", "Arrows2D", "Scalars"), lambda *args, **how: (args, how))
+    _Viewer(SimpleNamespace(**kinds), stream, found.config).add(_Again(found, 0))
     told = dict(written)
     places = told["sensor/events"][0][0]
     events = found._events(0)
@@ -130,9 +113,8 @@ def test_pictures_and_exports_are_in_the_sensors_pixels():
     assert told["sensor/roi"][1]["sizes"][0].tolist() == [128, 128]
 
 
-def test_what_does_not_know_a_binning_says_so(tmp_path):
-    scene = scene_of(FLAT)
-    recording = scene.recording("scene")
+def test_what_does_not_know_a_binning_says_so(flat, tmp_path):
+    recording = flat.recording("scene")
     found = cmfpga.track(recording, roi=(98, 76), preset="quad", engine="model", batch_events=6000, binning=1)
     for call, text in (
         (lambda: found.report(tmp_path / "a.html"), "report: binning = 1: its pictures are of the sensor's pixels: 0"),

@@ -8,8 +8,7 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.engines import Engine, make_engine
-from cmfpga.events import BatchCutter, Events, generate
-from cmfpga.events.columns import MemoryRecording
+from cmfpga.events import BatchCutter, generate
 from cmfpga.protocol.confidence import is_short
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import BatchResult
@@ -17,6 +16,7 @@ from cmfpga.tracking.course import Course
 from cmfpga.tracking.fit import FittedCutter, batch_cutter, fit
 from cmfpga.tracking.loop import track
 from cmfpga.tracking.verdict import Verdict
+from support.tracks import recording
 from support.values import required
 
 CONFIG = preset("fast").replace(sensor_width=40, sensor_height=30, roi_width=12, roi_height=8)
@@ -30,12 +30,6 @@ CONFIG = preset("fast").replace(sensor_width=40, sensor_height=30, roi_width=12,
 def test_the_rule(v, trusted, expected):
     assert fit(1000, v, trusted) == expected
     assert fit(1, v, trusted) >= 1
-
-
-def recording(count=20_000, step=10):
-    """An event every ``step`` µs, each in the ROI."""
-    events = Events(np.arange(count) * step, np.full(count, 10), np.full(count, 10), np.zeros(count))
-    return MemoryRecording(events, 40, 30, "made up")
 
 
 class Moving(Engine):
@@ -65,7 +59,7 @@ class Moving(Engine):
 
 def followed(speed, count=20_000, roi=(4, 5), first=None, confidence=40, **size):
     engine = Moving(speed, confidence=confidence)
-    cutter = batch_cutter(recording(count), CONFIG, first=first, **size)
+    cutter = batch_cutter(recording(np.arange(count) * 10), CONFIG, first=first, **size)
     batches = [*track(engine, cutter, roi=roi)]
     trials = len(engine.asked) - len(batches)
     return batches, engine.asked[:trials], engine.asked[trials:], cutter
@@ -117,7 +111,7 @@ def test_a_recording_that_is_shorter_than_two_windows(count, expected):
 
 
 def test_hardware_that_holds_fewer_events_than_the_survey_begins_with():
-    scattered = MemoryRecording(Events(np.arange(900) * 10, np.tile([1, 10], 450), [10] * 900, [0] * 900), 40, 30, "x")
+    scattered = recording(np.arange(900) * 10, np.tile([1, 10], 450))
     engine, cutter = Moving(lambda t: 200), batch_cutter(scattered, CONFIG, most=120)
     batches = [*track(engine, cutter, roi=(4, 5))]
     assert len(batches) == 7 and {length for _, length, _ in engine.asked} == {120}
@@ -132,16 +126,13 @@ def test_the_length_follows_the_motion():
     assert starts == [False] + [one == other for one, other in itertools.pairwise(lengths)]
 
 
-@pytest.mark.parametrize(
-    "speed, first, after",
-    [
-        (360, 2250, 1945),  # 2,250 of a buffer of 2,047 would leave 1,125: less gives 1,945
-        (180, 4500, 3889),  # a quarter of them
-        (275, 2250, 2250),  # that would move by less than 3 px
-        (300, 2900, 2900),  # 1,450 are enough
-        (450, 1900, 1900),  # all of them are kept
-    ],
-)
+@pytest.mark.parametrize("speed, first, after", [
+    (360, 2250, 1945),  # 2,250 of a buffer of 2,047 would leave 1,125: less gives 1,945
+    (180, 4500, 3889),  # a quarter of them
+    (275, 2250, 2250),  # that would move by less than 3 px
+    (300, 2900, 2900),  # 1,450 are enough
+    (450, 1900, 1900),  # all of them are kept
+])  # fmt: skip
 def test_a_buffer_is_filled_rather_than_half_empty(speed, first, after):
     """It holds so many events that more are thinned by halves; κ counts pairs."""
     batches, *_ = followed(lambda t: speed, first=first)
@@ -219,7 +210,7 @@ def test_a_lost_motion(motion, follows):
     size |= {} if follows else {"camera": "40,40,20,15"}
     config = preset(motion).replace(**size, ram_style="auto")
     engine = Moving(lambda t: 100 if t < 150_000 else None, config)
-    batches = [*track(engine, batch_cutter(recording(60_000), config), roi=(4, 5))]
+    batches = [*track(engine, batch_cutter(recording(np.arange(60_000) * 10), config), roi=(4, 5))]
     lost = [k for k, batch in enumerate(batches) if Flag.DOUBTFUL in batch.flags]
     first, rois = lost[0], [settings.roi for *_, settings in engine.asked[-len(batches) :]]
     assert 3.0 <= batches[0].result.v[0] <= 5.0 and lost == [*range(first, len(batches))] and len(lost) > 3
@@ -235,29 +226,28 @@ def test_where_lengths_are_chosen():
         ({}, CONFIG.replace(judge=0), False),
         ({"events": 9}, CONFIG, False),
     ):
-        cutter = batch_cutter(recording(), config, most=700, **size)
+        cutter = batch_cutter(recording([0]), config, most=700, **size)
         assert isinstance(cutter, FittedCutter) == fitted
         assert fitted or (type(cutter), cutter.size) == (BatchCutter, size.get("events", 5000))
-    assert (
-        cutter.max_events == CONFIG.max_batch_events and batch_cutter(recording(), CONFIG, most=700).max_events == 700
-    )
+        assert cutter.max_events == (700 if fitted else CONFIG.max_batch_events)
+
+
+def modelled(scene, cutter=None, **how):
+    """The batches of a scene's object, by the integer model."""
+    config = preset("fast")
+    cutter = cutter or batch_cutter(scene.recording(), config)
+    return [*track(make_engine("model", config), cutter, roi=scene.roi_start(64, 64), **how)]
 
 
 def test_an_object_is_tracked_in_batches_that_suit_it():
     """With the integer model: without an option, and twice the same."""
     scene = generate(seed=3, texture="dense", velocity=(160.0, 60.0), position=(50.0, 60.0), duration_us=300_000)
-    config = preset("fast")
-    tracks = []
-    for _ in range(2):
-        cutter = batch_cutter(scene.recording(), config)
-        tracks.append([*track(make_engine("model", config), cutter, roi=scene.roi_start(64, 64))])
-    found = [batch.values for batch in tracks[0]]
-    assert found == [batch.values for batch in tracks[1]] and len(found) >= 5
+    found, again = ([batch.values for batch in modelled(scene)] for _ in range(2))
+    assert found == again and len(found) >= 5
     verdict = Verdict.of(found)
     assert 3 <= verdict.px <= 5 and verdict.trusted.mean() > 0.8 and not verdict.lost and not verdict.notes()
     np.testing.assert_allclose(np.median(verdict.speeds, axis=0), (160, 60), atol=12)
-    short = [*track(make_engine("model", config), BatchCutter(scene.recording(), events=1500, max_events=9999),
-                    roi=scene.roi_start(64, 64), batches=4)]  # fmt: skip
+    short = modelled(scene, BatchCutter(scene.recording(), events=1500, max_events=9999), batches=4)
     assert "batches move by less than 1.5 px per half batch" in Verdict.of([one.values for one in short]).notes()[0]
 
 
@@ -267,9 +257,6 @@ def test_an_object_that_rests_first_is_tracked():
         seed=7, texture="dense", size=(44, 44), position=(80.0, 70.0), noise=0.1, duration_us=800_000,
         velocity=((300_000, 0.0, 0.0), (500_000, 120.0, 40.0)),
     )  # fmt: skip
-    config = preset("fast")
-    cutter = batch_cutter(scene.recording(), config)
-    batches = [*track(make_engine("model", config), cutter, roi=scene.roi_start(64, 64))]
-    verdict = Verdict.of([batch.values for batch in batches if batch.events.t[0] > 300_000])
+    verdict = Verdict.of([batch.values for batch in modelled(scene) if batch.events.t[0] > 300_000])
     assert len(verdict.trusted) >= 8 and verdict.trusted.mean() > 0.8
     np.testing.assert_allclose(np.median(verdict.speeds, axis=0), (120, 40), atol=6)

@@ -1,6 +1,5 @@
 """The tracker: settings, ROIs and batches in order, and the rows of the CSV, with engines and cutters made up here."""
 
-import csv
 import dataclasses
 import io
 
@@ -10,8 +9,7 @@ import pytest
 from cmfpga.config import Config
 from cmfpga.engines import Engine, make_engine
 from cmfpga.engines.model import FloatEngine
-from cmfpga.events import BatchCutter, Events, Feed, generate
-from cmfpga.events.columns import MemoryRecording
+from cmfpga.events import BatchCutter, Feed, generate
 from cmfpga.imaging.iwe import contrast
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import BatchResult
@@ -20,6 +18,7 @@ from cmfpga.protocol.trace import Trace
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.loop import CsvConsumer, TrackedBatch, track
 from support.commands import HEADER
+from support.tracks import recording
 from support.values import required
 
 CONFIG = Config(sensor_width=40, sensor_height=30, roi_width=12, roi_height=8, start="given", v_start_x=1.0)
@@ -48,18 +47,9 @@ class Recorder(Engine):
         return [BatchResult(**{**values, **self._result})]
 
 
-def recording(t, x=10, y=10):
-    count = len(t)
-    events = Events(t, np.broadcast_to(x, count), np.broadcast_to(y, count), np.zeros(count))
-    return MemoryRecording(events, 40, 30, "made up")
-
-
 def tracked(engine, t=range(0, 1000, 10), roi=(4, 5), batches=None, **mode):
     cutter = BatchCutter(recording(t), **{"max_events": 1000, **mode})
     return list(track(engine, cutter, roi=roi, batches=batches))
-
-
-# ---------------------------------------------------------------- the loop
 
 
 def test_only_the_first_batch_places_the_roi():
@@ -67,11 +57,8 @@ def test_only_the_first_batch_places_the_roi():
     batches = tracked(engine, events=30)
     assert [len(events) for events, _ in engine.asked] == [30, 30, 30]
     np.testing.assert_array_equal(np.concatenate([events.t for events, _ in engine.asked]), range(0, 900, 10))
-    assert [settings for _, settings in engine.asked] == [
-        BatchSettings.from_config(CONFIG, (4, 5)),
-        BatchSettings.from_config(CONFIG),
-        BatchSettings.from_config(CONFIG),
-    ]
+    asked = [BatchSettings.from_config(CONFIG, roi) for roi in ((4, 5), None, None)]
+    assert [settings for _, settings in engine.asked] == asked
     assert [batch.index for batch in batches] == [0, 1, 2]
     assert [batch.result.roi for batch in batches] == [(4, 5), (6, 6), (8, 7)]
 
@@ -137,9 +124,7 @@ def test_consumers_take_each_batch_before_it_is_yielded():
         assert len(taken) == count and taken[-1] is batch
     lines = file.getvalue().split("\n")
     assert lines == [",".join(COLUMNS), *(",".join(batch.row()) for batch in taken), ""] and len(taken) == 3
-
-
-# ---------------------------------------------------------------- a row
+    assert '"' not in file.getvalue() and file.getvalue().count(",") == 4 * 18, "plain CSV"
 
 
 def one(engine, **changes):
@@ -147,11 +132,8 @@ def one(engine, **changes):
     return batch
 
 
-def test_columns_are_those_that_users_read():
+def test_columns_are_those_that_users_read_and_show_what_they_declare():
     assert ",".join(COLUMNS) == HEADER
-
-
-def test_columns_show_what_they_declare():
     batch = one(Recorder(cycles=4711))
     for column in COLUMNS.values():
         shown = column.value(batch)
@@ -176,20 +158,14 @@ def test_a_row():
     }  # fmt: skip
 
 
-def test_without_a_clock_there_are_no_cycles():
+def test_what_a_row_lacks_and_does_not_lose():
+    """``repr`` of a float reads back as the same float; 12 fraction bits need up to 12 decimals."""
     row = dict(zip(COLUMNS, one(Recorder(flags=Flag.OVERFLOW | Flag.TIME_SPAN)).row(), strict=True))
     assert row["cycles"] == "" and row["flags"] == "overflow|time_span"
-
-
-def test_a_degenerate_batch_has_v_but_measures_no_speed():
     batch = one(Recorder(flags=Flag.DEGENERATE, span=0))
-    assert batch.v_px_per_s is None and batch.t_ref == 1000.0
+    assert batch.v_px_per_s is None and batch.t_ref == 1000.0, "it has v but measures no speed"
     row = dict(zip(COLUMNS, batch.row(), strict=True))
     assert (row["vx"], row["vx_px_per_s"], row["vy_px_per_s"], row["flags"]) == ("1.5", "", "", "degenerate")
-
-
-def test_velocities_are_written_without_loss():
-    """``repr`` of a float reads back as the same float; 12 fraction bits need up to 12 decimals."""
     batch = one(Recorder(v=(-4097 / 4096, 2**-12)))
     assert tuple(map(float, batch.row()[6:8])) == (-4097 / 4096, 2**-12)
 
@@ -200,15 +176,6 @@ def test_half_a_microsecond_of_a_unix_time_is_kept():
     assert batch.row()[1] == "1700000000000050.0"
     batch = TrackedBatch(0, CONFIG, batch.events, dataclasses.replace(batch.result, span=1))
     assert batch.row()[1] == "1700000000000000.5"
-
-
-def test_rows_are_plain_csv():
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(batch.row() for batch in tracked(Recorder(), events=30))
-    assert '"' not in text.getvalue() and text.getvalue().count(",") == 3 * 18
-
-
-# ---------------------------------------------------------------- with an engine
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from cmfpga.tracking.fit import FittedCutter, batch_cutter
 from cmfpga.tracking.loop import follow
 from cmfpga.tracking.source import with_rows
 from support.regions import CONFIGS, without_clock
+from support.tracks import recording
 from support.values import required
 
 CONFIG = CONFIGS["two units"].replace(max_level=2, min_roi_events=3, confidence_limit=1.0)
@@ -48,9 +49,6 @@ def followed(name, config, recording, rois, batches=None, **size):
         return [*follow(engine, cutter, rois=rois, consumers=[()] * len(rois), batches=batches)], cutter
     finally:
         engine.close()
-
-
-# ---------------------------------------------------------------- hardware, model, and each by itself
 
 
 @pytest.mark.parametrize("size", [{"events": 130}, {"duration_us": 10_000}, {}, {"first": 60}])
@@ -114,9 +112,6 @@ def test_a_stream_waits_for_events():
     assert [*running] == []
 
 
-# ---------------------------------------------------------------- rows
-
-
 class Table(Engine):
     """An engine that remembers what was written, and gives outcomes of ``flags``."""
 
@@ -143,16 +138,14 @@ class Table(Engine):
         return [BatchResult(**required("batch", events=len(events), span=span, t_first=0, regions=outcomes))]
 
 
-def recording(count=2000, step=10):
-    events = Events(np.arange(count) * step, np.full(count, 10), np.full(count, 10), np.zeros(count))
-    return MemoryRecording(events, 40, 30, "made up")
+EVERY_10_US = range(0, 20_000, 10)
 
 
 def test_only_what_begins_elsewhere_is_written_anew():
     """A doubtful object goes on at its last trusted velocity; the others keep their v and their place."""
     no, doubt = Flag(0), Flag.DOUBTFUL
     table = Table(CONFIG, [no, no], [no, doubt], [no, doubt], [no, doubt], [no, doubt])
-    cutter = BatchCutter(recording(), events=100, max_events=150)
+    cutter = BatchCutter(recording(EVERY_10_US), events=100, max_events=150)
     [*follow(table, cutter, rois=[(3, 4), (20, 12)], batches=7, consumers=[(), ()])]
     assert table.written == [
         {0: (3, 4), 1: (20, 12)},
@@ -167,7 +160,7 @@ def test_only_what_begins_elsewhere_is_written_anew():
 
 def test_a_batch_of_another_length_begins_cold_where_the_rows_are():
     table = Table(CONFIG, [Flag.DEGENERATE, Flag(0)])  # the second object alone measured the first batch
-    cutter = FittedCutter(recording(), CONFIG, first=30, max_events=150)  # 2.2 px: each batch is longer
+    cutter = FittedCutter(recording(EVERY_10_US), CONFIG, first=30, max_events=150)  # 2.2 px: each batch is longer
     windows = [*follow(table, cutter, rois=[(3, 4), (20, 12)], batches=3, consumers=[(), ()])]
     lengths = [len(window[0].events) for window in windows]
     assert lengths == [30, 54, 97]
@@ -176,31 +169,25 @@ def test_a_batch_of_another_length_begins_cold_where_the_rows_are():
 
 
 def test_a_window_without_events_never_reaches_the_hardware():
-    events = Events(np.r_[0:1000:10, 30_000:31_000:10], *(np.full(200, 10),) * 2, np.zeros(200))
     table = Table(CONFIG, [Flag.DOUBTFUL, Flag(0)])
-    cutter = BatchCutter(MemoryRecording(events, 40, 30, "made up"), duration_us=10_000, max_events=150)
+    cutter = BatchCutter(recording(np.r_[0:1000:10, 30_000:31_000:10]), duration_us=10_000, max_events=150)
     running = follow(table, cutter, rois=ROIS[:2], batches=3, consumers=[(), ()])
     _, empty = next(running), next(running)
     assert table.cycles is None and len(table.asked) == 1
     assert [batch.result.roi for batch in empty] == [(3, 4), (21, 12)]  # in doubt it stays, for there was no v before
     assert [(batch.flags, batch.result.v, batch.t_ref) for batch in empty] == [(Flag.DEGENERATE, (2.0, 1.0), None)] * 2
     assert table.written == [{0: (3, 4), 1: (20, 12)}, {0: (3, 4)}]
-
-
-def test_first_without_events():
-    table = Table(CONFIG)
-    table.write([Region.roi(CONFIG, (3, 4))])
-    (result,) = table.run(Events.empty(), BatchSettings.from_config(CONFIG))
+    first = Table(CONFIG)
+    first.write([Region.roi(CONFIG, (3, 4))])
+    (result,) = first.run(Events.empty(), BatchSettings.from_config(CONFIG))
     assert (result.roi, result.v, result.flags) == ((3, 4), (0, 0), Flag.DEGENERATE)
 
 
-@pytest.mark.parametrize(
-    "count, when_full, stride", [(25, "drop", 1), (40, "drop", 2), (140, "drop", 8), (140, "thin", 1)]
-)
-def test_a_stride_leaves_room_in_the_buffer(count, when_full, stride):
+@pytest.mark.parametrize("count, full, stride", [(25, "drop", 1), (40, "drop", 2), (140, "drop", 8), (140, "thin", 1)])
+def test_a_stride_leaves_room_in_the_buffer(count, full, stride):
     """37 events and a reserve; a buffer that thins by itself needs none. All events are counted."""
-    config = CONFIGS["one unit"].replace(when_full=when_full)
-    windows, _ = followed("model", config, recording(), [(3, 4)], events=count, batches=2)
+    config = CONFIGS["one unit"].replace(when_full=full)
+    windows, _ = followed("model", config, recording(EVERY_10_US), [(3, 4)], events=count, batches=2)
     for (batch,) in windows:
         result = batch.result
         assert batch.thinning == stride and result.roi_events <= 37 and not result.overflow
@@ -210,7 +197,7 @@ def test_a_stride_leaves_room_in_the_buffer(count, when_full, stride):
 def test_where_v_starts():
     for start in ("last", "given"):
         table = Table(CONFIG.replace(start=start, v_start_x=0.0))
-        cutter = BatchCutter(recording(), events=100, max_events=150)
+        cutter = BatchCutter(recording(EVERY_10_US), events=100, max_events=150)
         [*follow(table, cutter, rois=[(3, 4)], batches=3, consumers=[()])]
         assert table.regions == [Region(x=3, y=4, width=16, height=12, start=start, moves=True)]
         assert table.written == [{0: (3, 4)}, {}, {}]
@@ -232,9 +219,6 @@ def test_rows_that_are_written_anew_forget(compiler):
     assert before.regions[0].roi_next != ROIS[0] and before.regions[1].roi_next != ROIS[1]
 
 
-# ---------------------------------------------------------------- which hardware
-
-
 def test_a_configuration_gets_a_table():
     found = with_rows(preset("fast"), 2, {})
     usual = preset("objects")
@@ -242,6 +226,8 @@ def test_a_configuration_gets_a_table():
     assert with_rows(preset("fast"), 40, {}).regions == 40
     assert with_rows(preset("fast").replace(max_batch_events=999), 2, {"max_batch_events": 999}).max_batch_events == 999
     assert with_rows(usual, 32, {}) is usual
+    with pytest.raises(ConfigError, match="regions = 32: 33 objects need as many; --set regions=33"):
+        with_rows(usual, 33, {})
 
 
 @pytest.mark.parametrize("config, message", [
@@ -255,19 +241,11 @@ def test_hardware_that_cannot_have_regions(config, message):
         with_rows(config, 2, {})
 
 
-def test_too_few_rows():
-    with pytest.raises(ConfigError, match="regions = 32: 33 objects need as many; --set regions=33"):
-        with_rows(preset("objects"), 33, {})
-
-
-# ---------------------------------------------------------------- how long batches are
-
-
 def test_the_fastest_that_is_trusted_chooses_the_length():
     """Object 1 moves by 8 px: half as many events; in doubt, object 0 with 2 px: twice as many."""
 
     def after(*trusted):
-        cutter = FittedCutter(recording(), CONFIG, first=60, max_events=150)
+        cutter = FittedCutter(recording(EVERY_10_US), CONFIG, first=60, max_events=150)
         batches = []
         for v, sure in zip((2.0, 8.0), trusted, strict=True):
             known = {"flags": Flag(0) if sure else Flag.DOUBTFUL, "confidence_limit": 90, "iterations": 1}
@@ -281,8 +259,6 @@ def test_the_fastest_that_is_trusted_chooses_the_length():
 
     assert [after(True, True), after(True, False), after(False, True), after(False, False)] == [30, 120, 30, 60]
 
-
-# ---------------------------------------------------------------- objects that cross, leave and stop
 
 SECOND = 1_000_000
 #: Two that cross in the middle after half a second, one that leaves, one that stops.
@@ -342,15 +318,10 @@ def test_objects_that_cross_at_a_right_angle_may_change_places():
     assert found[0][:2] == [0] * 2 and found[0][-4:] == [1] * 4 and {*found[1]} == {1}
 
 
-def test_no_event_is_lost_uncounted(four):
+def test_no_event_is_lost_uncounted_and_the_fastest_moves_by_3_to_5_px(four):
     config, _, windows, count, cutter = four
     assert sum(len(window[0].events) for window in windows) + cutter.leftover == count
-    for window in windows:
+    for k, window in enumerate(windows):
         for batch in window:
             assert sum(getattr(batch.result, name) for name in counts_of(config)) == len(batch.events)
-
-
-def test_the_fastest_moves_by_3_to_5_px(four):
-    _, _, windows, _, _ = four
-    for window in windows[:5]:
-        assert 3 <= max(np.hypot(*batch.result.v) for batch in window) <= 5.1
+        assert k >= 5 or 3 <= max(np.hypot(*batch.result.v) for batch in window) <= 5.1

@@ -1,6 +1,7 @@
 """Tracks by windows that slide: every hop's events, lengths that suit the motion, and what is refused."""
 
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,9 +35,12 @@ def scene():
     return generate(**SCENE)
 
 
+MODEL = {"preset": "sliding", "engine": "model"}
+
+
 @pytest.fixture(scope="module")
 def tracked(scene):
-    return cmfpga.track(scene, preset="sliding", engine="model")
+    return cmfpga.track(scene, **MODEL)
 
 
 def test_a_turn_is_followed(scene, tracked):
@@ -51,17 +55,14 @@ def test_a_turn_is_followed(scene, tracked):
     assert off[tracked.trusted & ~corner].max() < 0.6 and 5 < corner.sum() < 40
     middle = np.array(tracked.results[-1].roi_next) + 31.5
     assert np.hypot(*(middle - scene.motion.position(tracked.t_us[-1:])[0])) < 3
-
-
-def test_windows_move_by_what_is_aimed_at(tracked):
     moved = np.hypot(tracked.vx, tracked.vy)[tracked.trusted] * 2
-    assert 4 < np.median(moved) < 6, "px in a window"
+    assert 4 < np.median(moved) < 6, "px in a window, as is aimed at"
     assert {one.fresh for one in tracked.results[1:]} == {round(max(tracked.roi_events) / 16)}
 
 
 def test_thinned_events_make_no_longer_windows(scene, tracked):
     """A window's events are those that are stored; where fewer are, it still holds the same motion."""
-    thinned = cmfpga.track(scene, preset="sliding", engine="model", thinning=3, batches=30)
+    thinned = cmfpga.track(scene, **MODEL, thinning=3, batches=30)
     assert np.median(thinned.window_us) == pytest.approx(np.median(tracked.window_us[:30]), rel=0.25)
     assert max(thinned.roi_events) < 0.5 * max(tracked.roi_events[:30])
 
@@ -126,8 +127,7 @@ def test_rows_tell_the_events_of_their_windows(scene):
     config = preset("sliding").replace(window_events=300, hop_events=40, window_us=30_000, min_roi_events=30)
     events, start = scene.events, scene.roi_start(64, 64)
     recording = MemoryRecording(events, config.sensor_width, config.sensor_height, "events")
-    given = BatchSettings.from_config(config, roi=start)
-    given = type(given)(**vars(given) | {"min_roi_events": 75})
+    given = replace(BatchSettings.from_config(config, roi=start), min_roi_events=75)
     wanted = [*Sliding(config, given).run(events.t, events.x, events.y)]
     first = next(k for k, one in enumerate(wanted) if Flag.DEGENERATE not in one.flags)
     rows = list(track(make_engine("model", config), batch_cutter(recording, config), roi=start))
@@ -144,13 +144,13 @@ def test_rows_tell_the_events_of_their_windows(scene):
 
 
 def test_nothing_is_said_to_stay_where_the_roi_follows_every_v(scene):
-    lost = cmfpga.track(scene, preset="sliding", engine="model", confidence_limit=341.0, window_events=300, batches=120)
+    lost = cmfpga.track(scene, **MODEL, confidence_limit=341.0, window_events=300, batches=120)
     (warning,) = [text for text in lost.verdict.warnings() if "lost" in text]
     assert "stayed" not in warning and "cold" not in warning, warning
 
 
 def test_every_few_results_are_kept(scene, tracked):
-    few = cmfpga.track(scene, preset="sliding", engine="model", every=5, batches=7)
+    few = cmfpga.track(scene, **MODEL, every=5, batches=7)
     assert [one.v for one in few.results] == [one.v for one in tracked.results[:35:5]]
     assert few.events.sum() == tracked.events[:31].sum()
 
@@ -170,7 +170,7 @@ def test_windows_are_borne_out_by_half_of_those_that_share_their_time():
 
 def test_an_engine_that_is_seldom_sure_is_not_trusted(scene, tracked):
     """Whichever results are kept, those between them count."""
-    options = {"preset": "sliding", "engine": "model", "window_events": int(max(tracked.roi_events))}
+    options = MODEL | {"window_events": int(max(tracked.roi_events))}
     few = cmfpga.track(scene, **options, confidence_limit=110.0, batches=60)
     sure = few.confidence >= 110
     assert 0.1 < sure.mean() and (few.ambiguity[sure] & Ambiguity.ALONE).any()
@@ -179,9 +179,8 @@ def test_an_engine_that_is_seldom_sure_is_not_trusted(scene, tracked):
 
 
 def test_the_tracker_finds_the_same_in_pieces(scene, tracked):
-    size = {"sensor": (240, 180), "roi": scene.roi_start(64, 64), "preset": "sliding", "engine": "model"}
     found = []
-    with cmfpga.Tracker(**size) as tracker:
+    with cmfpga.Tracker(sensor=(240, 180), roi=scene.roi_start(64, 64), **MODEL) as tracker:
         for at in range(0, len(scene.events), 777):
             found += tracker.push(scene.events[at : at + 777])
         tracking = tracker.tracking
@@ -198,7 +197,7 @@ def test_the_tracker_finds_the_same_in_pieces(scene, tracked):
 ])  # fmt: skip
 def test_what_is_refused(scene, wrong, message):
     with pytest.raises(ConfigError, match=f"^{message}"):
-        cmfpga.track(scene, **{"preset": "sliding", "engine": "model"} | wrong)
+        cmfpga.track(scene, **MODEL | wrong)
 
 
 def test_the_command(tmp_path, capsys):
@@ -208,11 +207,11 @@ def test_the_command(tmp_path, capsys):
     head, *rows = (tmp_path / "track.csv").read_text().splitlines()
     assert head.startswith("batch,t_us,window_us,t_ref_us,events,") and len(rows) == 5
     assert "5 of 5 windows are to be trusted" in capsys.readouterr().out
+    batches = "windows = batches is needed"
     for more, what in (
-        (["--batch-events", "500"], "--batch-…: windows = batches is needed"),
-        (["--wave", "2"], "--wave: windows = batches is needed"),
+        (["--batch-events", "500"], f"--batch-…: {batches}"), (["--wave", "2"], f"--wave: {batches}"),
         (["--roi", "1,1"] * 2, "sliding"),
-    ):
+    ):  # fmt: skip
         assert cli.run(command.main, [*arguments, *more]) == 2
         assert what in capsys.readouterr().err
 
@@ -225,7 +224,6 @@ def test_what_knows_batches_alone_says_so(scene, tracked, capsys, tmp_path, monk
     assert cli.run(command.main, sweep) == 2
     assert "sweep: windows = batches is needed" in capsys.readouterr().err
     monkeypatch.setattr("cmfpga.engines.cannot_compile", lambda: "no C++ compiler found")
-    with pytest.raises(
-        ConfigError, match=r"^windows = sliding: engine rtl needs a C\+\+ compiler: no C\+\+ compiler found"
-    ):
+    why = r"^windows = sliding: engine rtl needs a C\+\+ compiler: no C\+\+ compiler found"
+    with pytest.raises(ConfigError, match=why):
         make_engine("rtl", preset("sliding"))

@@ -29,12 +29,12 @@ def batch(k, found, flags=GOOD, config=FAST, limit=1):
     roi = (0, 0) if rotation else ROI
     events = Events([t, t + SPAN // 2, t + SPAN], [100, 101, 102], [80, 80, 81], [0, 1, 0])
     result = SimpleNamespace(flags=flags, roi=roi, span=SPAN, v=v, confidence_limit=limit)
-    names = ("wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s")
+    measured = {"v_px_per_s": found}
+    if rotation:
+        measured = {"rates": dict(zip(("wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"), found, strict=True))}
     return SimpleNamespace(
-        index=k, result=result, roi=roi, events=events, seen=events, which={},
-        v_px_per_s=None if rotation else found,
-        rates=dict(zip(names, found, strict=True)) if rotation else {}, trusted=is_sure(result),
-    )  # fmt: skip
+        index=k, result=result, roi=roi, events=events, seen=events, which={}, trusted=is_sure(result), **measured
+    )
 
 
 def middle(k):

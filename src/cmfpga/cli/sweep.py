@@ -10,7 +10,7 @@ from .. import cli
 from ..engines import ENGINES
 from ..errors import ConfigError
 from ..sweep import plan
-from ..sweep.task import Store, estimate_resources, pool, processors, run_task, version, write_atomically
+from ..sweep.task import Run, Store, estimate_resources, pool, processors, run_task, version, write_atomically
 
 EXAMPLES = (
     "cmfpga sweep a.h5@100,30 b.h5@60,40 --vary preset=fast,paper --batches 20",
@@ -65,7 +65,7 @@ def main(arguments=None):
         from ..fpga import resources
 
         resources.require_yosys()
-    run = plan.Run(
+    run = Run(
         engine=options.engine,
         size=cli.batch_size(options),
         start_event=options.start_event,

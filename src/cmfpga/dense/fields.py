@@ -31,22 +31,12 @@ _NORMAL = 1.1774  # median length of a normal vector in the plane, in standard d
 
 @dataclass(frozen=True)
 class Field:
-    """The motion fitted to one window.
+    """The motion fitted to one window."""
 
-    Parameters
-    ----------
-    values, errors : float64 [p]
-        Of the parameters of :data:`MODELS`, and their standard deviations; NaN where too few tiles are trusted.
-    tiles : int
-        Trusted tiles, which it is fitted to.
-    agree : float
-        Share of them within three standard deviations; NaN without a fit.
-    """
-
-    values: np.ndarray
-    errors: np.ndarray
-    tiles: int
-    agree: float
+    values: np.ndarray  # float64 [p]: of the parameters of :data:`MODELS`; NaN where too few tiles are trusted
+    errors: np.ndarray  # float64 [p]: their standard deviations
+    tiles: int  # trusted ones, which it is fitted to
+    agree: float  # share of them within three standard deviations; NaN without a fit
 
 
 def check(model, config):
@@ -74,11 +64,10 @@ def basis(model, config, at):
 
 def fit_field(model, window):
     """The :class:`Field` of a :class:`~.window.Window`."""
-    names = MODELS[model]
     # Short tiles, too: without what is slow of a field, its fit would be worse.
     used = window.sure & np.isfinite(window.covariance).all(axis=1)
-    count, size = int(used.sum()), len(names)
-    none = Field(np.full(size, np.nan), np.full(size, np.nan), count, math.nan)
+    count, size = int(used.sum()), len(MODELS[model])
+    none = Field(*np.full((2, size), np.nan), count, math.nan)
     if 2 * count < size + 2:
         return none
     b = np.moveaxis(basis(model, window.config, window.centres[used]), 2, 0)  # [n, 2, p]

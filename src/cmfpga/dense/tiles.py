@@ -6,10 +6,12 @@ overlap and begin where the nearest coarse one ended, so that their schedule is 
 votes of events that leave them.
 """
 
-import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..errors import ConfigError
+from ..imaging.survey.statistics import box_sums
 from ..protocol.regions import Region
 
 #: Width and height of a tile, px; the next one begins half of that further on.
@@ -25,23 +27,13 @@ STORES = ((1 << 16, 32_767, 4), (1 << 17, 65_535, 4), (1 << 21, 98_303, 5))
 
 @dataclass(frozen=True)
 class Tiles:
-    """A grid of tiles.
+    """A grid of tiles."""
 
-    Parameters
-    ----------
-    columns, rows : tuple of int
-        Left columns and top rows of the fine tiles, px.
-    width, height : int
-        Of a fine tile, px.
-    regions : tuple of Region
-        The hardware's table: the coarse tiles, then the fine ones, row by row.
-    """
-
-    columns: tuple
-    rows: tuple
-    width: int
+    columns: tuple  # left columns of the fine tiles, px
+    rows: tuple  # top rows, px
+    width: int  # of a fine tile, px, as the height
     height: int
-    regions: tuple
+    regions: tuple  # the hardware's table of Region: the coarse tiles, then the fine ones, row by row
 
     def __len__(self):
         return len(self.columns) * len(self.rows)
@@ -55,23 +47,18 @@ class Tiles:
         """The outcomes of the fine tiles of a batch's result."""
         return result.regions[len(self.regions) - len(self) :]
 
+    def sums(self, *images):
+        """Sums of images [rows, columns] of the sensor over each fine tile: float64 [n] of each."""
+        left, top = np.array(self.corners).T
+        return [box_sums(image, self.width, self.height)[top, left] for image in images]
+
 
 def grid(config, tile=TILE, step=None):
     """The :class:`Tiles` of a sensor. The last column and row of tiles end where the sensor does.
 
-    Parameters
-    ----------
-    config : Config
-        Sizes of the sensor and of the image; ``regions`` need not be large enough.
-    tile : int
-        Width and height of a fine tile, px; no larger than the image.
-    step : int, optional
-        From a tile to the next one, px; by default half a tile.
-
-    Raises
-    ------
-    ConfigError
-        A size, or the motion, is not allowed.
+    ``tile``: width and height of a fine one, px, no larger than the image; ``step``: from one to the next, px, by
+    default half a tile. Raises :exc:`ConfigError` where a size, or the motion, is not allowed; ``regions`` need not be
+    large enough.
     """
     if config.motion != "translation":
         raise ConfigError(
@@ -87,10 +74,10 @@ def grid(config, tile=TILE, step=None):
     step = max(1, tile // 2) if step is None else step
     if not 1 <= step <= tile:
         raise ConfigError(f"step = {step}: 1 to {tile} px are allowed, or events would be in no tile")
-    columns, rows = (_places(size, tile, step) for size in sensor)
+    columns, rows = ((*range(0, size - tile, step), size - tile) for size in sensor)
     first, parents = [], ()
     if tile < min(coarse):
-        parents = tuple(_side_by_side(*sizes) for sizes in zip(sensor, coarse, strict=True))
+        parents = tuple(map(_side_by_side, sensor, coarse))
         first = [Region(x=x, y=y, width=width, height=height) for y, height in parents[1] for x, width in parents[0]]
 
     def fine(x, y):
@@ -127,11 +114,6 @@ def store_fields(config, given):
     events, bits = next((tuple(rest) for most, *rest in STORES if pixels <= most), STORES[-1][1:])
     fields = {"max_batch_events": max(events, config.max_batch_events), "bin_bits": max(bits, config.bin_bits)}
     return {name: value for name, value in fields.items() if name not in given}
-
-
-def _places(size, side, step):
-    count = math.ceil((size - side) / step) + 1
-    return tuple(min(k * step, size - side) for k in range(count))
 
 
 def _side_by_side(size, side):

@@ -10,7 +10,6 @@ from ..errors import ConfigError
 from ..events import BatchCutter
 from ..imaging.camera import nearest
 from ..imaging.iwe import dithered, image_of_warped_events
-from ..imaging.survey.statistics import box_sums
 from ..protocol.confidence import confidence, covariance
 from ..protocol.flags import Flag
 from ..tracking.columns import Column, declared
@@ -72,27 +71,20 @@ TABLE = {name: column for name, column in COLUMNS.items() if column.text}
 
 @dataclass(frozen=True, eq=False)
 class Window(Measured):
-    """What was found in one window. ``n`` tiles are in the order of :attr:`Tiles.corners`.
-
-    Parameters
-    ----------
-    tiles : Tiles
-    cycles : int or None
-        Clock cycles from the offer of its first event to the last result; None of engines without a clock.
-    """
+    """What was found in one window. ``n`` tiles are in the order of :attr:`Tiles.corners`."""
 
     tiles: Any
-    cycles: int | None = None
+    cycles: int | None = None  # from the offer of its first event to the last result; None of engines without a clock
 
-    def _each(self, value, none):
-        """``value(outcome)`` of each tile as float64; ``none`` where it is None."""
-        outcomes = self.tiles.of(self.result)
-        return np.array([none if (one := value(outcome)) is None else one for outcome in outcomes], np.float64)
+    def _each(self, value, none=None, dtype=np.float64):
+        """``value(outcome)`` of each tile as an array; ``none`` where it is None."""
+        found = map(value, self.tiles.of(self.result))
+        return np.array([none if one is None else one for one in found], dtype)
 
     @functools.cached_property
     def flags(self):
         """Bits of :class:`Flag` of each tile: int64 [n]."""
-        return self._each(lambda one: int(one.flags), 0).astype(np.int64)
+        return self._each(lambda one: int(one.flags), dtype=np.int64)
 
     @property
     def sure(self):
@@ -112,7 +104,7 @@ class Window(Measured):
     @functools.cached_property
     def counts(self):
         """Events that the flow of each tile is found from: int64 [n]."""
-        return self._each(lambda one: one.roi_events, 0).astype(np.int64)
+        return self._each(lambda one: one.roi_events, dtype=np.int64)
 
     @functools.cached_property
     def v(self):
@@ -155,17 +147,13 @@ class Window(Measured):
     @property
     def centres(self):
         """Mean position of the events of each tile, px: float64 [n, 2]; of an empty one its middle."""
-        size = self.config.sensor_height, self.config.sensor_width
-        at = self.seen
+        size, at = (self.config.sensor_height, self.config.sensor_width), self.seen
         column, row, inside = nearest(self.config, at.x, at.y)
-        pixel, x, y = (row * size[1] + column)[inside], at.x[inside], at.y[inside]
-        left, top = np.array(self.tiles.corners).T
-        sums = []
-        for weight in (None, x, y):
-            pixels = np.bincount(pixel, weight, size[0] * size[1]).reshape(size)
-            sums.append(box_sums(pixels, self.tiles.width, self.tiles.height)[top, left])
+        pixel = (row * size[1] + column)[inside]
+        weights = (None, at.x[inside], at.y[inside])
+        images = (np.bincount(pixel, weight, size[0] * size[1]).reshape(size) for weight in weights)
+        count, *sums = self.tiles.sums(*images)
         middle = np.array(self.tiles.corners) + (np.array([self.tiles.width, self.tiles.height]) - 1) / 2
-        count, *sums = sums
         return np.where(count[:, None] > 0.5, np.transpose(sums) / np.maximum(count, 1)[:, None], middle)
 
     def rows(self):
@@ -227,17 +215,12 @@ FIRST_EVENTS, FIRST_PIXELS, FEWEST_EVENTS = 4000, 240 * 180, 1000
 
 
 class FieldCutter(FittedCutter):
-    """Cuts windows in half of which the image moves by 3 to 5 px, in the median of the trusted tiles.
-
-    Attributes
-    ----------
-    limited : bool
-        Some window would have been longer, had the hardware room for its events.
-    """
+    """Cuts windows in half of which the image moves by 3 to 5 px, in the median of the trusted tiles."""
 
     def __init__(self, source, config, start_event):
         super().__init__(source, config, start_event=start_event, max_events=config.slice_events)
-        self.limited, self._doubtful = False, LOST_BATCHES
+        self.limited = False  # some window would have been longer, had the hardware room for its events
+        self._doubtful = LOST_BATCHES
 
     def survey(self, trial, *_):
         """Choose the first length, or the next one of a motion that is lost.
@@ -276,19 +259,9 @@ class FieldCutter(FittedCutter):
 class Run(Table):
     """Measures the windows of a source; with ``slices`` a new one ends with every slice, and has the last so many.
 
-    Parameters
-    ----------
-    source : EventSource
-        Not a stream: the events of the first windows are looked at before they are cut.
-    engine : Engine
-    tiles : Tiles
-    window_events, window_us : int, optional
-        Events, or µs, of each window; without either as many events as suit the motion, as far as ``max_batch_events``
-        allows; not with slices.
-    start_event : int
-        Index of the first event.
-    windows : int, optional
-        Stop after these.
+    No stream: the events of the first windows are looked at before they are cut. Without ``window_events`` or
+    ``window_us`` a window has as many events as suit the motion, as far as ``max_batch_events`` allows; not with
+    slices. ``windows``: stop after these.
     """
 
     def __init__(self, source, engine, tiles, *, window_events=None, window_us=None, start_event=0, windows=None):

@@ -26,42 +26,20 @@ _WITH_ROI = re.compile(r"(.+)@(-?\d+),(-?\d+)", re.DOTALL)
 class Subject:
     """An object of a recording.
 
-    Parameters
-    ----------
-    name : str
-        The recording as it was given, without its ROI.
-    path : Path
-        Absolute.
-    roi : (int, int) or None
-        As given; None: at the object's start.
-    digest : str
-        SHA-256 of the file.
-    sensor : (int, int) or None
-        What the file, or the options, say; or else what holds its events, if that is not the configuration's.
-    first_us : int
-        Time of the first event that is tracked.
-    truth : Truth or None
-    survey : Survey or None
-        Whose hot pixels are dropped by default.
-    note : str or None
-        Where the unit of its time is a guess.
-    size_note : str or None
-        Where the size of its sensor is one.
-    problem : str
-        Why it cannot be tracked; empty if it can.
+    ``sensor`` is what the file, or the options, say; or else what holds its events, if that is not the configuration's.
     """
 
-    name: str
-    path: Path
-    roi: tuple[int, int] | None
-    digest: str = ""
+    name: str  # the recording as it was given, without its ROI
+    path: Path  # absolute
+    roi: tuple[int, int] | None  # as given; None: at the object's start
+    digest: str = ""  # SHA-256 of the file
     sensor: tuple[int, int] | None = None
-    first_us: int = 0
+    first_us: int = 0  # time of the first event that is tracked
     truth: Truth | None = None
-    survey: Survey | None = field(default=None, compare=False, repr=False)
-    note: str | None = None
-    size_note: str | None = None
-    problem: str = ""
+    survey: Survey | None = field(default=None, compare=False, repr=False)  # whose hot pixels are dropped by default
+    note: str | None = None  # where the unit of its time is a guess
+    size_note: str | None = None  # where the size of its sensor is one
+    problem: str = ""  # why it cannot be tracked
 
     @property
     def width(self):
@@ -94,23 +72,12 @@ class Subject:
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """One configuration of a sweep, before a recording's sensor is known.
+    """One configuration of a sweep, before a recording's sensor is known."""
 
-    Parameters
-    ----------
-    number : int
-        From 0.
-    varied : dict
-        Values of the fields that vary, by name.
-    preset : str
-    changes : dict
-        All fields that differ from the preset's.
-    """
-
-    number: int
-    varied: dict
+    number: int  # from 0
+    varied: dict  # values of the fields that vary, by name
     preset: str
-    changes: dict
+    changes: dict  # all fields that differ from the preset's
 
     @property
     def label(self):
@@ -165,38 +132,12 @@ class Row:
     problem: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """What all rows have in common; fields as of :class:`~cmfpga.sweep.task.Task`."""
-
-    engine: str = "rtl"
-    size: dict = field(default_factory=dict)
-    start_event: int = 0
-    batches: int | None = None
-    sensor: tuple[int, int] | None = None
-    time_unit: str | None = None
-
-
 def choices(base, assignments, varied):
-    """All combinations of the values of ``varied`` (texts ``FIELD=A,B,…``), the last field changing fastest.
+    """A :class:`Choice` of each combination of the values of ``varied``, the last field changing fastest.
 
-    Parameters
-    ----------
-    base : str
-        Name of the preset.
-    assignments : list of str
-        ``FIELD=VALUE``, the same in all of them.
-    varied : list of str
-
-    Returns
-    -------
-    list of Choice, list of str
-        And why each of the other combinations is skipped: it names a field that its gradient or ascent does not read.
-
-    Raises
-    ------
-    ConfigError
-        A field or a value is not allowed, or stands twice; or no combination is left.
+    ``varied`` are texts ``FIELD=A,B,…``, ``assignments`` texts ``FIELD=VALUE``, ``base`` is a preset's name. Returns
+    also why each of the other combinations is skipped: it names a field that its gradient or ascent does not read.
+    Raises :exc:`ConfigError` where a field or a value is not allowed, or stands twice; or no combination is left.
     """
     fixed = Config.parse(assignments)
     axes = {}
@@ -283,18 +224,17 @@ def rows(subjects, choices, run):
 
 
 def _row(subject, choice, run):
-    if subject.problem:
-        return Row(subject=subject, choice=choice, roi=subject.roi, problem=subject.problem)
     roi = subject.roi
     try:
+        if subject.problem:
+            raise ConfigError(subject.problem)
         config = choice.config(subject)
         roi = subject.roi_for(config)
         check_roi(config, roi, config.pixel)
     except ConfigError as error:
         return Row(subject=subject, choice=choice, roi=roi, problem=str(error))
     task = Task(
-        path=str(subject.path), digest=subject.digest, config=config, roi=roi, engine=run.engine, size=run.size,
-        start_event=run.start_event, batches=run.batches, sensor=run.sensor, time_unit=run.time_unit,
-        truth=subject.truth, version=version(),
+        path=str(subject.path), digest=subject.digest, config=config, roi=roi, run=run, truth=subject.truth,
+        version=version(),
     )  # fmt: skip
     return Row(subject=subject, choice=choice, roi=roi, task=task)

@@ -13,10 +13,8 @@ from ..imaging.camera import RATES
 from ..protocol.flags import Flag
 from ..tracking.columns import COLUMNS, MORE, Column, columns, declared
 from ..tracking.verdict import Verdict
+from ..truth import WRONG_PX
 from .task import MORE_COLUMNS, version, write_atomically
-
-#: An error below this counts as found, px per half batch; the bound of ``studies.accuracy``.
-FOUND_PX = 0.6
 
 #: Columns of ``results``, in order, before those of the resources and the configuration.
 RESULTS = declared(
@@ -62,26 +60,17 @@ RESULTS = declared(
 )  # fmt: skip
 
 _TYPES = {int: "Int64", float: "Float64", str: "string"}
+_FIELD_TYPES = {name: _TYPES[field.type] for name, field in Config.__dataclass_fields__.items()}
+
 #: Of a column behind those of ``track.csv``, and resources: forms of what is kept.
 _MORE, _ESTIMATE = Number(missing=True), Number(low=0)
-
-
-def config_types():
-    """Pandas' type of each field of the configuration."""
-    return {name: _TYPES[field.type] for name, field in Config.__dataclass_fields__.items()}
 
 
 def results(rows, outcomes, run, estimates):
     """One line for each of ``rows``, as a DataFrame.
 
-    Parameters
-    ----------
-    rows : list of Row
-    outcomes : list of dict
-        Of each row, as :func:`~cmfpga.sweep.task.run_task` returns it.
-    run : Run
-    estimates : dict
-        Outcomes of :func:`~cmfpga.sweep.task.estimate_resources` by hardware hash; empty if they were not asked for.
+    ``outcomes`` are each row's, as :func:`~cmfpga.sweep.task.run_task` returns it; ``estimates`` those of
+    :func:`~cmfpga.sweep.task.estimate_resources` by hardware hash, empty if they were not asked for.
     """
     lines = []
     for row, outcome in zip(rows, outcomes, strict=True):
@@ -110,7 +99,7 @@ def results(rows, outcomes, run, estimates):
     types = {name: _TYPES[column.dtype] for name, column in RESULTS.items()}
     types |= {f"{name}_median": "Float64" for name in _rates(rows)}
     types |= {f"resources.{kind}": "Float64" for kind in resources.KINDS} if estimates else {}
-    types |= {f"config.{name}": kind for name, kind in config_types().items()}
+    types |= {f"config.{name}": kind for name, kind in _FIELD_TYPES.items()}
     return _frame(lines, types)
 
 
@@ -123,15 +112,11 @@ def summary(row, outcome):
     config = row.task.config
     verdict = Verdict.of(batches, config.motion, config.roi_stays, config.slides, config.pixel)
     degenerate = sum("degenerate" in names for names in flags)
-    status, reason = "ok", None
+    status, reason, speeds = "ok", None, ("vx_px_per_s", "vy_px_per_s", *MORE)
     if degenerate == len(batches):
-        most = max(batch["roi_events"] for batch in batches)
-        status = "empty"
-        reason = (
-            f"no batch measured anything: at most {most} events in the ROI"
-            if most
-            else f"no event ever entered the ROI at {row.roi[0]},{row.roi[1]}"
-        )
+        status, reason = "empty", f"no event ever entered the ROI at {row.roi[0]},{row.roi[1]}"
+        if most := max(batch["roi_events"] for batch in batches):
+            reason = f"no batch measured anything: at most {most} events in the ROI"
     found = {
         "status": status,
         "reason": reason,
@@ -142,9 +127,7 @@ def summary(row, outcome):
         "events": sum(batch["events"] for batch in batches),
         "events_left_over": outcome["events_left_over"],
         "roi_events_mean": _mean(batch["roi_events"] for batch in batches),
-        "vx_px_per_s_median": _median(batch["vx_px_per_s"] for batch in batches),
-        "vy_px_per_s_median": _median(batch["vy_px_per_s"] for batch in batches),
-        **{f"{name}_median": _median(batch[name] for batch in batches) for name in MORE if name in batches[0]},
+        **{f"{name}_median": _median(batch[name] for batch in batches) for name in speeds if name in batches[0]},
         "contrast_mean": _mean(batch["contrast"] for batch in batches),
         "gain_median": _median(1.0 if batch["gain"] is None else batch["gain"] for batch in batches),
         "trusted_batches": int(verdict.trusted.sum()) if verdict.judged.any() else None,
@@ -156,7 +139,7 @@ def summary(row, outcome):
         errors = errors_of(outcome)
         found["error_px_median"] = statistics.median(errors)
         found["error_px_max"] = max(errors)
-        found["error_below_0.6_px"] = _mean(error < FOUND_PX for error in errors)
+        found["error_below_0.6_px"] = _mean(error < WRONG_PX for error in errors)
     return found
 
 
@@ -185,7 +168,7 @@ ESTIMATE_FORM = {
 
 def _mean(values):
     values = [value for value in values if value is not None]
-    return math.fsum(values) / len(values) if values else None
+    return statistics.fmean(values) if values else None
 
 
 def _median(values):
@@ -209,7 +192,7 @@ def batches(rows, outcomes):
         for batch in outcome["batches"]
     ]
     types = {"recording": "string", "first_roi": "string", "configuration": "Int64"}
-    types |= {f"config.{name}": config_types().get(name, "string") for name in varied}
+    types |= {f"config.{name}": _FIELD_TYPES.get(name, "string") for name in varied}
     types |= {name: _TYPES[column.dtype] for name, column in COLUMNS.items()} | dict.fromkeys(MORE_COLUMNS, "Float64")
     types |= dict.fromkeys(_rates(rows), "Float64")
     return _frame(lines, types)
@@ -278,27 +261,23 @@ def ranking(rows, outcomes, estimates):
         values = {entry["configuration"]: entry[name] for entry in ranked if entry[name] is not None}
         for entry in ranked:
             if entry["configuration"] in values:
-                mine = entry[name]
-                entry["ranks"][name] = 1 + sum(value < mine if less else value > mine for value in values.values())
+                ahead = (value < entry[name] if less else value > entry[name] for value in values.values())
+                entry["ranks"][name] = 1 + sum(ahead)
     for entry in ranked:
         entry["best"] = not any(_dominates(other, entry) for other in ranked)
-    return sorted(
-        listed,
-        key=lambda entry: (
-            not entry["complete"],
-            [entry["ranks"].get(name, math.inf) for name in CRITERIA],
-            entry["configuration"],
-        ),
-    )
+
+    def place(entry):
+        ranks = [entry["ranks"].get(name, math.inf) for name in CRITERIA]
+        return not entry["complete"], ranks, entry["configuration"]
+
+    return sorted(listed, key=place)
 
 
 def _aggregate(group, gains, estimates):
-    ok = [(row, outcome, found) for row, outcome, found in group if found["status"] == "ok"]
+    ok = [one for one in group if one[2]["status"] == "ok"]
     errors = [error for row, outcome, _ in ok if row.subject.truth for error in errors_of(outcome)]
     cycles = [count for _, outcome, _ in ok for count in cycles_of(outcome)]
-    shares = [
-        found["gain_median"] / best for row, _, found in ok if (best := gains[row.subject.name, row.subject.roi]) > 0
-    ]
+    best = [(found["gain_median"], gains[row.subject.name, row.subject.roi]) for row, _, found in ok]
     hashes = {row.task.config.hardware_hash for row, _, _ in group if row.task}
     totals = [estimates[key]["total"] for key in sorted(hashes) if estimates.get(key, {}).get("status") == "ok"]
     # With sensors of several sizes there are several hardwares: the largest counts.
@@ -312,9 +291,9 @@ def _aggregate(group, gains, estimates):
         "rows_ok": len(ok),
         "complete": bool(ok) and len(ok) == len(gains),
         "error_px": statistics.median(errors) if errors else None,
-        "below": _mean(error < FOUND_PX for error in errors),
+        "below": _mean(error < WRONG_PX for error in errors),
         "trusted": _trusted_share(ok),
-        "gain": _mean(shares),
+        "gain": _mean(gain / most for gain, most in best if most > 0),
         "cycles": _mean(cycles),
         "resources": used,
         "lut": used["lut"] if used else None,

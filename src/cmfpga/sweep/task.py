@@ -7,17 +7,17 @@ scheduler that is there already. What was computed is kept, one file each, so th
 import contextlib
 import functools
 import hashlib
-import importlib.resources
 import json
 import logging
 import math
 import os
 import signal
 import sys
-import tempfile
 import traceback
-from dataclasses import asdict, dataclass
+import uuid
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from .. import __version__
 from ..config import Config
@@ -63,18 +63,15 @@ class Store:
 
 def write_atomically(path, content):
     """Write bytes so that whoever reads ``path`` finds what was there before, or all of it."""
-    handle, scratch = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    scratch = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
-        with naming(path), os.fdopen(handle, "wb") as file:
+        with naming(path), scratch.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(scratch, 0o666 & ~umask)  # mkstemp's are for their owner only
         os.replace(scratch, path)
     except BaseException:
-        Path(scratch).unlink(missing_ok=True)  # an interrupt may come when it has its name already
+        scratch.unlink(missing_ok=True)  # an interrupt may come when it has its name already
         raise
 
 
@@ -90,54 +87,35 @@ MORE_COLUMNS = ("gain", "true_vx", "true_vy", "error_px")
 def version():
     """Version of cmfpga, and a digest of its sources: what is kept from another one is not taken for a result."""
     digest = hashlib.sha256()
-    root = importlib.resources.files("cmfpga")
-    for file in sorted((file for file in _files(root) if file.name.endswith((".py", ".cpp"))), key=str):
-        digest.update(file.read_bytes())
+    for file in sorted(Path(__file__).parents[1].rglob("*.*"), key=str):
+        if file.suffix in (".py", ".cpp"):
+            digest.update(file.read_bytes())
     return f"{__version__}+{digest.hexdigest()[:12]}"
 
 
-def _files(folder):
-    for entry in folder.iterdir():
-        yield from _files(entry) if entry.is_dir() else (entry,)
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """What all tasks of a sweep have in common."""
+
+    engine: str = "rtl"
+    size: dict = field(default_factory=dict)  # {"events": N}, {"duration_us": D} or {"roi_events": M}; empty: as suits
+    start_event: int = 0
+    batches: int | None = None
+    sensor: tuple[int, int] | None = None  # this and the next as of :func:`~cmfpga.events.open_recording`
+    time_unit: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What a worker needs.
+    """What a worker needs."""
 
-    Parameters
-    ----------
-    path : str
-        The recording, as the workers find it.
-    digest : str
-        SHA-256 of its content.
-    config : Config
-    roi : (int, int)
-        Left column and top row of the first batch's ROI, px.
-    engine : str
-    size : dict
-        ``{"events": N}``, ``{"duration_us": D}`` or ``{"roi_events": M}``; empty: as long as suits the motion.
-    start_event : int
-    batches : int or None
-    sensor, time_unit
-        As of :func:`~cmfpga.events.open_recording`.
-    truth : Truth or None
-    version : str
-        :func:`version` of who made the task.
-    """
-
-    path: str
-    digest: str
+    path: str  # of the recording, as the workers find it
+    digest: str  # SHA-256 of its content
     config: Config
-    roi: tuple[int, int]
-    engine: str
-    size: dict
-    start_event: int
-    batches: int | None
-    sensor: tuple[int, int] | None
-    time_unit: str | None
+    roi: tuple[int, int]  # left column and top row of the first batch's, px
+    run: Run
     truth: Truth | None
-    version: str
+    version: str  # :func:`version` of who made the task
 
     @functools.cached_property
     def key(self):
@@ -148,13 +126,10 @@ class Task:
 
 
 def run_task(task):
-    """Track; never raises what a task can be blamed for.
+    """Track; never raises what a task can be blamed for. Returns a dictionary, JSON-ready.
 
-    Returns
-    -------
-    dict
-        JSON-ready. ``status`` is ``"ok"``, with ``batches`` (a list of dictionaries, see :func:`_batch`),
-        ``events_left_over`` and ``note``; or ``"failed"``, with ``reason`` and, for a defect, ``traceback``.
+    ``status`` is ``"ok"``, with ``batches`` (a list of dictionaries, see :func:`_batch`), ``events_left_over`` and
+    ``note``; or ``"failed"``, with ``reason`` and, for a defect, ``traceback``.
     """
     return guarded(_track, task, task.version)
 
@@ -179,12 +154,12 @@ def _track(task):
     from ..tracking.fit import batch_cutter
     from ..tracking.loop import track
 
-    motion = task.truth.motion if task.truth else None
+    motion, run = task.truth.motion if task.truth else None, task.run
     with contextlib.ExitStack() as stack:
-        recording = stack.enter_context(open_recording(task.path, sensor=task.sensor, time_unit=task.time_unit))
-        cutter = batch_cutter(recording, task.config, start_event=task.start_event, **task.size)
-        engine = stack.enter_context(contextlib.closing(open_engine(task.engine, task.config, option="--engine")))
-        tracked = track(engine, cutter, roi=task.roi, batches=task.batches)
+        recording = stack.enter_context(open_recording(task.path, sensor=run.sensor, time_unit=run.time_unit))
+        cutter = batch_cutter(recording, task.config, start_event=run.start_event, **run.size)
+        engine = stack.enter_context(contextlib.closing(open_engine(run.engine, task.config, option="--engine")))
+        tracked = track(engine, cutter, roi=task.roi, batches=run.batches)
         batches = [_batch(batch, motion, task.config) for batch in tracked]
         if not batches:
             raise cutter.too_few()
@@ -230,58 +205,40 @@ def processors():
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+@dataclass(frozen=True)
 class Dask:
     """Runs tasks on the workers of a Dask scheduler, in any order."""
 
-    def __init__(self, client, where):
-        self.client = client
-        self.where = where
+    client: Any
+    where: str
 
     def run(self, function, jobs):
         """Yields ``(key, outcome)`` of ``function(argument)`` for each ``(key, argument)`` of ``jobs``.
 
         A worker that dies loses nothing: what it had is run by another one.
         """
-        from distributed import CancelledError, as_completed
+        from distributed import CancelledError, KilledWorker, as_completed
 
-        futures = {
-            self.client.submit(function, argument, key=f"cmfpga-{key}", pure=False): key
-            for key, argument in jobs.items()
-        }
+        submit = functools.partial(self.client.submit, function, pure=False)
+        futures = {submit(argument, key=f"cmfpga-{key}"): key for key, argument in jobs.items()}
         for future, outcome in as_completed(futures, with_results=True, raise_errors=False):
             # Not by the future's status: if its worker has died since, that is "lost", though the outcome is here.
             if isinstance(outcome, CancelledError):
                 raise UserError(f"{self.where} is gone; what was done is kept, the same command goes on with the rest")
             if isinstance(outcome, tuple):  # kind, error, traceback
-                outcome = {"status": "failed", "reason": _reason(outcome[1])}
+                reason = " ".join([f"{type(outcome[1]).__name__}:", *str(outcome[1]).split()])
+                if isinstance(outcome[1], KilledWorker):
+                    reason = "the worker died each time that it was tried: out of memory, or a crash"
+                outcome = {"status": "failed", "reason": reason}
             yield futures[future], outcome
             future.release()
 
 
-def _reason(error):
-    """Why a task has no outcome, which it gives for any error of its own."""
-    from distributed import KilledWorker
-
-    if isinstance(error, KilledWorker):
-        return "the worker died each time that it was tried: out of memory, or a crash"
-    return " ".join([f"{type(error).__name__}:", *str(error).split()])
-
-
 @contextlib.contextmanager
 def pool(count, scheduler=None):
-    """A context with a :class:`Dask`.
+    """A context with a :class:`Dask`: the scheduler at an address, or ``count`` processes of a local cluster.
 
-    Parameters
-    ----------
-    count : int
-        Processes of a local cluster; 0: a thread of this process.
-    scheduler : str, optional
-        Address of a Dask scheduler; ``count`` is not used then.
-
-    Raises
-    ------
-    UserError
-        Dask is not installed, or the scheduler does not answer.
+    0: a thread of this process. Raises :exc:`UserError` where Dask is not installed, or the scheduler does not answer.
     """
     # Of an end of a worker or a scheduler it would print pages; what matters is in the outcomes. Workers inherit it.
     os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "critical")
@@ -292,16 +249,18 @@ def pool(count, scheduler=None):
     for name in ("distributed.client", "tornado.application"):  # they have levels of their own
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
-        with _connected(distributed, scheduler) as client:
+        with contextlib.closing(_connected(distributed, scheduler)) as client:
+            if not client.nthreads():
+                note = f"note: the scheduler at {scheduler} has no workers yet; waiting for one"
+                print(note, file=sys.stderr, flush=True)
             yield Dask(client, f"the scheduler at {scheduler}")
         return
     with contextlib.ExitStack() as stack:
         # No dashboard, and any free port for what is left of its server: of a second sweep beside this one, whose
         # server has the usual port, dask would warn.
-        anywhere = {"dashboard_address": "127.0.0.1:0"}
         cluster = distributed.LocalCluster(
             n_workers=max(1, count), threads_per_worker=1, processes=count > 0, dashboard_address=None,
-            scheduler_kwargs=anywhere,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
         )  # fmt: skip
         stack.callback(_close, cluster)
         client = distributed.Client(cluster)
@@ -330,14 +289,9 @@ def _no_interrupt(distributed):
     return NoInterrupt()
 
 
-@contextlib.contextmanager
 def _connected(distributed, address):
     try:
-        client = distributed.Client(address, timeout=TIMEOUT)
+        return distributed.Client(address, timeout=TIMEOUT)
     except (OSError, ValueError, TypeError, ImportError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(f"--scheduler {address}: no scheduler answers there: {reason}") from None
-    with contextlib.closing(client):
-        if not client.nthreads():
-            print(f"note: the scheduler at {address} has no workers yet; waiting for one", file=sys.stderr, flush=True)
-        yield client

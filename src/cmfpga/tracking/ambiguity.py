@@ -97,14 +97,7 @@ WORDS = {
 def ambiguity(config, events, result, **which):
     """The :class:`Ambiguity` of a window. A doubtful one is asked for time stamps and directions alone.
 
-    Parameters
-    ----------
-    config : Config
-    events : Events
-        Where ROI and v have them.
-    result : BatchResult
-    which
-        As of :func:`~cmfpga.imaging.iwe.scaled_roi_events`.
+    ``events`` are where ROI and v have them; ``which`` is as of :func:`~cmfpga.imaging.iwe.scaled_roi_events`.
     """
     found, size = Ambiguity(0), (config.roi_height, config.roi_width)
     if not is_judged(result) or min(size) < 2 * BLOCKS:

@@ -21,35 +21,18 @@ _ARRAYS = {int: np.int64, float: np.float64, str: str}
 class Column:
     """One column.
 
-    Parameters
-    ----------
-    name : str
-    dtype : {int, float, str}
-    title : str
-        Its name for people.
-    unit : str
-        Empty for a number of things.
-    doc : str
-        What it means.
-    value : callable, optional
-        ``value(one)`` of what a row, or several, tell of: a :class:`~cmfpga.tracking.loop.TrackedBatch`, a window.
-    text : str or callable, or None
-        Format of the value in the CSV; None: only in arrays.
-    shape : str
-        Of an array beside the CSV, if there is one.
-    may_be_missing : bool
-        The value may be None: empty in the CSV, NaN in an array.
+    ``value(one)`` is that of what a row, or several, tell of: a :class:`~cmfpga.tracking.loop.TrackedBatch`, a window.
     """
 
     name: str
-    dtype: type = float
-    title: str = ""
-    unit: str = ""
-    doc: str
+    dtype: type = float  # or int or str
+    title: str = ""  # its name for people
+    unit: str = ""  # empty for a number of things
+    doc: str  # its meaning
     value: Callable | None = None
-    text: str | Callable | None = "{}"
-    shape: str = ""
-    may_be_missing: bool = False
+    text: str | Callable | None = "{}"  # format of the value in the CSV; None: only in arrays
+    shape: str = ""  # of an array beside the CSV, if there is one
+    may_be_missing: bool = False  # the value may be None: empty in the CSV, NaN in an array
 
     @property
     def form(self):
@@ -88,17 +71,6 @@ def csv_writer(file, names, image=""):
     return lambda row: writer.writerow((*row, *more))
 
 
-def _result(name, part=None):
-    """A field of :data:`cmfpga.protocol.results.RESULTS`, or a part of it."""
-    if part is None:
-        return lambda batch: getattr(batch.result, name)
-    return lambda batch: getattr(batch.result, name)[part]
-
-
-def _speed(axis):
-    return lambda batch: batch.v_px_per_s and batch.v_px_per_s[axis]
-
-
 def _deviation(name, title, unit, text="{:.6f}"):
     return Column(name=f"{name}_sd", dtype=float, title=f"{title}, standard deviation", unit=unit, text=text,
                   value=lambda b: b.deviations.get(name), may_be_missing=True,
@@ -113,9 +85,9 @@ COLUMNS = declared(
     Column(name="t_ref_us", dtype=float, title="middle of the batch", unit="µs", value=lambda b: b.t_ref,
            doc="middle of the batch's time range, on the recording's clock; empty for a batch without events",
            text="{:.1f}", may_be_missing=True),
-    Column(name="events", dtype=int, title="events of the sensor", value=_result("events"),
+    Column(name="events", dtype=int, title="events of the sensor", value=lambda b: b.result.events,
            doc="N, events of the batch, of the whole sensor; of windows those since the last row"),
-    Column(name="roi_events", dtype=int, title="events in the ROI", value=_result("roi_events"),
+    Column(name="roi_events", dtype=int, title="events in the ROI", value=lambda b: b.result.roi_events,
            doc="n, events in the ROI that the buffer holds; these are what v is found from"),
     Column(name="roi_x", dtype=int, title="ROI, left column", unit="px", value=lambda b: b.roi[0],
            doc="left column of the ROI that the batch was cut with"),
@@ -125,15 +97,15 @@ COLUMNS = declared(
            doc="velocity along x, positive to the right; of a degenerate batch, the one before it", text="{!r}"),
     Column(name="vy", dtype=float, title="velocity downwards", unit=_HALF_BATCH, value=lambda b: b.v[1],
            doc="velocity along y, positive downwards", text="{!r}"),
-    Column(name="vx_px_per_s", dtype=float, title="velocity to the right", unit="px/s", value=_speed(0),
-           doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
-    Column(name="vy_px_per_s", dtype=float, title="velocity downwards", unit="px/s", value=_speed(1),
-           doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
+    Column(name="vx_px_per_s", dtype=float, title="velocity to the right", unit="px/s", text="{:.3f}",
+           value=lambda b: b.v_px_per_s and b.v_px_per_s[0], doc=_PER_SECOND, may_be_missing=True),
+    Column(name="vy_px_per_s", dtype=float, title="velocity downwards", unit="px/s", text="{:.3f}",
+           value=lambda b: b.v_px_per_s and b.v_px_per_s[1], doc=_PER_SECOND, may_be_missing=True),
     _deviation("vx_px_per_s", "velocity to the right", "px/s", "{:.3f}"),
     _deviation("vy_px_per_s", "velocity downwards", "px/s", "{:.3f}"),
-    Column(name="iterations", dtype=int, title="iterations", value=_result("iterations"),
+    Column(name="iterations", dtype=int, title="iterations", value=lambda b: b.result.iterations,
            doc="iterations done; 0 for a degenerate batch"),
-    Column(name="cycles", dtype=int, title="clock cycles", value=_result("cycles"), may_be_missing=True,
+    Column(name="cycles", dtype=int, title="clock cycles", value=lambda b: b.result.cycles, may_be_missing=True,
            doc="clock cycles from the offer of the first event to the result, of one of several objects those of "
            "its unit alone; empty for engines without a clock"),
     Column(name="contrast", dtype=float, title="contrast", unit="(events/px)²", value=lambda b: b.contrast,
@@ -185,7 +157,7 @@ DEVIATIONS = {
 HOPS = declared(
     Column(name="t_us", dtype=int, title="last event", unit="µs", value=lambda b: b.t_us, may_be_missing=True,
            doc="time of the window's last event, on the recording's clock; v is the mean over the window"),
-    Column(name="window_us", dtype=int, title="length of the window", unit="µs", value=_result("span"),
+    Column(name="window_us", dtype=int, title="length of the window", unit="µs", value=lambda b: b.result.span,
            doc="v is px per half of it; 0 of a degenerate window"),
 )  # fmt: skip
 

@@ -18,18 +18,12 @@ class Course:
 
     On at the last trusted velocity; nowhere once the object is lost. With ``cold_after_doubtful=0`` a doubtful batch is
     like any other.
-
-    Attributes
-    ----------
-    start : pair of int or None
-        Left column and top row of the next batch's ROI, px; None where the engine moves it.
-    row : Region
-        Its row of the engine's table.
-    replay : Replay
     """
 
     def __init__(self, config, roi):
-        self._config, self.start, self.row, self.replay = config, roi, None, Replay(config)
+        self._config, self.replay = config, Replay(config)
+        self.start = roi  # left column and top row of the next batch's ROI, px; None where the engine moves it
+        self.row = None  # of the engine's table, a Region
         self._doubtful, self._speed = 0, (0.0, 0.0)  # batches not trusted in a row; px per half µs
 
     def begin(self, events, place):

@@ -25,9 +25,7 @@ LOST_BATCHES = 3
 SURVEYED_EVENTS = 1 << 21
 
 _SURVEY_US = 500_000  # of events, at most, so that a camera's first answer comes soon
-_SURVEY_S = (
-    0.7  # after the first event a survey waits no longer for a stream that comes more slowly than it was recorded
-)
+_SURVEY_S = 0.7  # after the first event a survey waits no longer for a stream that comes more slowly than recorded
 _FIRST_ROI_EVENTS = 150  # of the survey's first window
 _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
@@ -40,22 +38,11 @@ _REACH = 16  # no batch becomes longer, times the last that was to be trusted, o
 
 
 def fit(events, v, trusted):
-    """Number of events of the next batch.
+    """Number of events of the next batch, by the ``events`` of the whole sensor of the one that is over, and its ``v``.
 
-    Parameters
-    ----------
-    events : int
-        Of the batch that is over, of the whole sensor.
-    v : sequence of float
-        What it found, px per half batch; of another motion than translation, how far the image moves.
-    trusted : bool
-        Whether v is to be trusted; if not, the length stays.
-
-    Returns
-    -------
-    int
-        As many where the image moved by :data:`ALLOWED_PX`; else so many that it moves by :data:`TARGET_PX`, but no
-        less than half and no more than twice as many.
+    ``v`` is in px per half batch; of another motion than translation, how far the image moves. As many where v is not
+    ``trusted``, or the image moved by :data:`ALLOWED_PX`; else so many that it moves by :data:`TARGET_PX`, but no less
+    than half and no more than twice as many.
     """
     moved = math.hypot(*v)
     if not trusted or ALLOWED_PX[0] <= moved <= ALLOWED_PX[1]:
@@ -66,25 +53,11 @@ def fit(events, v, trusted):
 class FittedCutter(BatchCutter):
     """Cuts batches of as many events as suit the motion; ``size`` is that of the next one.
 
-    Parameters
-    ----------
-    source : EventSource
-    config : Config
-    start_event : int
-        Index of the first event to cut.
-    first : int, optional
-        Events of the first batch; without, a :meth:`survey` chooses it. Where the confidence is not measured, those of
-        the survey's first trial.
-    max_events : int
-        Largest batch, in events of the whole sensor.
-
-    Attributes
-    ----------
-    way : float
-        How far the survey expects the image to move in half a batch, px.
+    The first has ``first`` events; without, a :meth:`survey` chooses it. Where the confidence is not measured, these
+    are those of the survey's first trial. None has more than ``max_events`` of the whole sensor.
     """
 
-    way = TARGET_PX
+    way = TARGET_PX  #: how far the survey expects the image to move in half a batch, px
 
     def __init__(self, source, config, *, start_event=0, first=None, max_events):
         size = min(first or 1, max_events)
@@ -106,17 +79,8 @@ class FittedCutter(BatchCutter):
         and moves at all. If none is, batches are up to 16 times as long as the first window, and no longer than an
         eighth of the events.
 
-        Parameters
-        ----------
-        trial : callable
-            ``trial(events)``: of each object the :class:`BatchResult` of these events in a batch that starts cold.
-        rois : (x, y, width, height)
-            Of each object.
-
-        Yields
-        ------
-        None
-            Where the source has no events yet.
+        ``trial(events)`` gives of each object the :class:`BatchResult` of these events in a batch that starts cold;
+        ``rois`` are (x, y, width, height) of each. Yields None where the source has no events yet.
         """
         if self._surveyed:
             return
@@ -145,10 +109,7 @@ class FittedCutter(BatchCutter):
     def _windows(self, trial, length, count):
         """How far the image moves in windows of this length, one after the other, up to two that agree, px.
 
-        Returns
-        -------
-        float, float
-            In the first two that agree; the farthest in any that is to be trusted. 0 where there are none.
+        In the first two that agree; the farthest in any that is to be trusted. 0 where there are none.
         """
         last, agreed, sure = (), 0.0, 0.0
         for k in range(count if length else 0):
@@ -220,8 +181,7 @@ class FittedCutter(BatchCutter):
 
     def add(self, batches):
         """Take a :class:`~cmfpga.tracking.loop.TrackedBatch` of each object, and choose the length of the next ones."""
-        judges = _judges(self._config)
-        results = [one.result for one in batches]
+        judges, results = _judges(self._config), [one.result for one in batches]
         trusted = [one for one in results if (is_sure(one) if judges else Flag.DEGENERATE not in one.flags)]
         self._doubtful = 0 if trusted else self._doubtful + 1
         self._sure = self.size if trusted else self._sure
@@ -255,32 +215,17 @@ def _judges(config):
 
 
 def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENTS, most=None, **size):
-    """What cuts a track's batches: as ``size`` says, or else as suits the motion.
+    """What cuts a track's batches: as ``size``, an argument of :class:`BatchCutter`, says; or else as suits the motion.
 
-    Parameters
-    ----------
-    source : EventSource
-    config : Config
-    start_event : int
-    first : int, optional
-        Events of the first batch, where the length is chosen.
-    usual : int
-        Events of each batch, where the length cannot be chosen because the confidence is not measured; fewer where the
-        hardware does not count so far.
-    most : int, optional
-        Events of the longest batch, where the length is chosen, if that are less than ``config.max_batch_events``, or
-        :data:`SURVEYED_EVENTS` of windows that slide.
-    **size
-        None, or one of :class:`BatchCutter`.
+    Where the length is chosen, the first batch has ``first`` events, and none more than ``most``, the configuration's
+    ``max_batch_events``, or :data:`SURVEYED_EVENTS` of windows that slide. Where it cannot be chosen because the
+    confidence is not measured, each has ``usual`` events, fewer where the hardware does not count so far.
     """
     if isinstance(source, LiveSource) and source.width is None:
         source.width, source.height = config.sensor_width, config.sensor_height
     limit = SURVEYED_EVENTS if config.slides else config.max_batch_events
-    chosen = {"start_event": start_event, "max_events": min(limit, most or limit)}
-    if not size and config.motion_model.basis:
-        return FittedCutter(source, config, first=first or config.buffer_events // 2, **chosen)
-    if not size and _judges(config):
-        return FittedCutter(source, config, first=first, **chosen)
-    size = size or {"events": first or min(usual, limit)}
-    placed = functools.partial(seen, config)
+    if not size and (config.motion_model.basis or _judges(config)):
+        first = first or (config.buffer_events // 2 if config.motion_model.basis else None)
+        return FittedCutter(source, config, start_event=start_event, first=first, max_events=min(limit, most or limit))
+    size, placed = size or {"events": first or min(usual, limit)}, functools.partial(seen, config)
     return BatchCutter(source, start_event=start_event, max_events=limit, seen=placed, **size)

@@ -43,33 +43,20 @@ FRAME_SIZE = 400
 class Detail:
     """What is drawn of one batch.
 
-    Parameters
-    ----------
-    batch : int
-        Its number.
-    frame : uint8 array [rows, columns]
-        Events per pixel of the sensor, at most 255; ``frame_bin`` × ``frame_bin`` pixels in one.
-    x, y : uint16 arrays [n]
-        ROI events: column and row in the ROI, px; of an undistorted image, with :attr:`Kept.fraction` bits behind the
-        point and half a pixel more.
-    since : uint32 array [n]
-        Their time since the batch's first event, µs.
-    v : float64 array [T + 1, P]
-        The motion's parameters that each iteration used, then the result; px per half batch. The result alone, [1, P],
-        where the engine gives no trace.
-    levels : uint8 array [T]
-        Level of each iteration.
+    ``x``, ``y``: columns and rows of its ROI's events in the ROI, px; of an undistorted image, with
+    :attr:`Kept.fraction` bits behind the point and half a pixel more. ``v``: the motion's parameters that each
+    iteration used, then the result, px per half batch; the result alone, [1, P], where the engine gives no trace.
     """
 
-    batch: int
-    frame: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    since: np.ndarray
-    v: np.ndarray
-    levels: np.ndarray
+    batch: int  # its number
+    frame: np.ndarray  # uint8 [rows, columns]: events, at most 255, of frame_bin × frame_bin pixels of the sensor each
+    x: np.ndarray  # uint16 [n]
+    y: np.ndarray  # uint16 [n]
+    since: np.ndarray  # uint32 [n]: their time since the batch's first event, µs
+    v: np.ndarray  # float64 [T + 1, P]
+    levels: np.ndarray  # uint8 [T]: level of each iteration
 
-    @property
+    @functools.cached_property
     def size(self):
         """Compressed bytes, about, and no fewer than a share of those that they are."""
         arrays = (self.frame, self.x, self.y, np.diff(self.since, prepend=np.uint32(0)))
@@ -79,41 +66,20 @@ class Detail:
 class Kept:
     """Collects while batches go by, in bounded memory: at most :data:`MOST_ROWS` of them.
 
-    Where the details of all batches would be too much, those of every second, fourth … batch are kept.
-
-    Parameters
-    ----------
-    config : Config
-    engine : str
-        Name of the engine.
-    recording : str
-        Name of the recording; of a path only the last part is kept.
-    motion : Motion, optional
-        The true motion, where it is known.
-
-    Attributes
-    ----------
-    rows : list of tuple of str
-        As in ``track.csv``.
-    spans : list of int
-        t_N − t_1 of each batch, µs.
-    truths : list of (float, float)
-        True mean velocity of each batch, px/s; NaN where it is not known.
-    roi_next : pair of int
-        ROI after the last batch.
-    details : list of Detail
-        In the order of batches.
-    left_out : int
-        Batches after the last row.
+    Where the details of all batches would be too much, those of every second, fourth … batch are kept. ``engine`` and
+    ``recording`` are names, of a path its last part; ``motion`` is the true one, where it is known.
     """
 
     def __init__(self, config, engine, recording, motion=None):
         self.config, self.engine, self.recording = config, engine, Path(recording).name
-        self.rows, self.spans, self.truths, self.details = [], [], [], []
-        self.roi_next, self.left_out = (0, 0), 0
+        self.rows = []  # of each batch, as in track.csv
+        self.spans = []  # t_N − t_1 of each batch, µs
+        self.truths = []  # true mean velocity of each batch, px/s; NaN where it is not known
+        self.details = []
+        self.roi_next = 0, 0  # after the last batch
+        self.left_out = 0  # batches after the last row
         self._motion = motion
         self._stride = 1
-        self._sizes = {}
 
     @property
     def frame_bin(self):
@@ -150,13 +116,10 @@ class Kept:
         self.truths.append(batch.true_px_per_s(self._motion) or (np.nan, np.nan))
         if batch.index % self._stride:
             return
-        detail = self._detail(batch)
-        self.details.append(detail)
-        self._sizes[detail.batch] = detail.size
-        while len(self.details) > 1 and sum(self._sizes.values()) > BUDGET:
+        self.details.append(self._detail(batch))
+        while len(self.details) > 1 and sum(detail.size for detail in self.details) > BUDGET:
             self._stride *= 2
             self.details = [detail for detail in self.details if detail.batch % self._stride == 0]
-            self._sizes = {detail.batch: self._sizes[detail.batch] for detail in self.details}
 
     def _detail(self, batch):
         config, result = self.config, batch.result
@@ -171,15 +134,9 @@ class Kept:
         path = [result.v]
         if result.trace is not None:
             path = np.array(result.trace.v, np.float64) * (1.0 if self.engine == "float" else config.formats.v.step)
-        return Detail(
-            batch.index,
-            np.minimum(frame, 255).astype(np.uint8),
-            x.astype(np.uint16),
-            y.astype(np.uint16),
-            since.astype(np.uint32),
-            np.array(path, np.float64),
-            np.array([entry.level for entry in batch.plan], np.uint8),
-        )
+        events = x.astype(np.uint16), y.astype(np.uint16), since.astype(np.uint32)
+        levels = np.array([entry.level for entry in batch.plan], np.uint8)
+        return Detail(batch.index, np.minimum(frame, 255).astype(np.uint8), *events, np.array(path, np.float64), levels)
 
     def save(self, path):
         """Write everything as ``.npz``."""
@@ -259,12 +216,8 @@ class Kept:
 
 #: What a file's head is; its configuration checks itself.
 _HEAD = {
-    "version": Number(int),
-    "engine": Text(),
-    "recording": Text(),
-    "left_out": Number(int, low=0),
-    "config": dict,
-}
+    "version": Number(int), "engine": Text(), "recording": Text(), "left_out": Number(int, low=0), "config": dict,
+}  # fmt: skip
 
 #: The arrays: B batches with C columns, D of them with details, of frames h by w, N events, V velocities, L levels.
 _ARRAYS = {

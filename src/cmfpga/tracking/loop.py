@@ -25,11 +25,11 @@ from .ambiguity import UNTRUSTED, Ambiguity, ambiguity
 from .columns import columns, csv_writer, row
 from .course import Course
 from .fit import FittedCutter
-from .sliding import Newest, Overlapping, PassedOver, window_lengths
+from .sliding import Newest, Overlapping, window_lengths, with_those_of
 
 
 def windows(engine, cutter, table, batches=None):
-    """Measure window after window.
+    """Measure window after window; yields what ``table`` makes of each, or None where the source has no events yet.
 
     Parameters
     ----------
@@ -42,11 +42,6 @@ def windows(engine, cutter, table, batches=None):
         measures events that come again, for the cutter's survey.
     batches : int, optional
         Stop after these; by default at the end of the events.
-
-    Yields
-    ------
-    object, or None
-        What ``table`` makes of each window; None where the source has no events yet.
     """
     config, fitted, length, index = engine.config, isinstance(cutter, FittedCutter), None, 0
     size, recent = (config.roi_width, config.roi_height), collections.deque(maxlen=config.slices)
@@ -131,25 +126,14 @@ class Measured:
 class TrackedBatch(Measured):
     """One batch of a track. Whatever it tells is in the sensor's pixels; ``result`` is in the image's, as the engine's.
 
-    Parameters
-    ----------
-    plan : tuple
-        A ``ScheduleEntry`` per iteration, None for a constant η.
-    thinning : int
-        The engine stored one ROI event in so many.
-    marks : pair of bool arrays, or None
-        Which events were dropped as hot and as noise; None where there are no such filters.
-    start : pair of int or None
-        Where the next batch is cropped, if not where the engine moved the ROI.
-    borne_out : bool
-        As :class:`~cmfpga.tracking.sliding.Overlapping` says of windows that overlap.
+    ``marks`` are two bool arrays: which events were dropped as hot and as noise; None where there are no such filters.
     """
 
-    plan: tuple = ()
-    thinning: int = 1
+    plan: tuple = ()  # a ScheduleEntry or a Round per iteration, None for a constant η
+    thinning: int = 1  # the engine stored one ROI event in so many
     marks: tuple | None = None
-    start: tuple | None = None
-    borne_out: bool = True
+    start: tuple | None = None  # where the next batch is cropped, px, if not where the engine moved the ROI
+    borne_out: bool = True  # as :class:`~cmfpga.tracking.sliding.Overlapping` says of windows that overlap
 
     @property
     def flags(self):
@@ -258,19 +242,15 @@ class CsvConsumer:
 
 
 def track(engine, cutter, *, roi, batches=None, consumers=(), every=1):
-    """:func:`follow` one object, whose ROI begins at ``roi``; each of ``consumers`` takes every :class:`TrackedBatch`.
-
-    Yields
-    ------
-    TrackedBatch or None
-        None where the source has no events yet.
-    """
+    """:func:`follow` one object, whose ROI begins at ``roi``, for ``consumers``: yields each batch, or None."""
     for window in follow(engine, cutter, rois=[roi], batches=batches, consumers=[consumers], every=every):
         yield window and window[0]
 
 
 def follow(engine, cutter, *, rois, batches=None, consumers=(), every=1):
     """Follow objects. After a doubtful batch an object's next one starts cold, where :class:`Course` has its ROI.
+
+    Yields a list of each object's :class:`TrackedBatch` of the same events; None where the source has no events yet.
 
     Parameters
     ----------
@@ -282,11 +262,6 @@ def follow(engine, cutter, *, rois, batches=None, consumers=(), every=1):
         Of each object: the method ``add`` of each takes every :class:`TrackedBatch`, before it is yielded.
     every : int
         Where windows slide: the first of so many is kept, and counts.
-
-    Yields
-    ------
-    list of TrackedBatch, or None
-        Of the same events, each object's; None where the source has no events yet.
     """
     for window in windows(engine, cutter, _Objects(engine, rois, every), batches):
         for batch, takers in zip(window or (), consumers, strict=bool(window)):
@@ -348,7 +323,7 @@ class _Objects(Table):
         lengths = yield from window_lengths(self.config, cutter, lambda events: self.trial(events, None), rois[0])
         given, pieces = replace(self._usual, **lengths), cutter.piece
         self.engine.write([Region.roi(self.config, course.start)], {0})
-        newest, passed, overlapping = Newest(self.config, cutter.position), PassedOver(), Overlapping()
+        newest, passed, overlapping = Newest(self.config, cutter.position), None, Overlapping()
         try:
             while most is None or index < most:
                 if (piece := pieces()) is WAITING:
@@ -365,12 +340,12 @@ class _Objects(Table):
                     self.passed_over += hop < 0
                     plan = given.cold if not self._warm else given.follow or given.warm
                     self._warm = not degenerate
+                    result = passed = with_those_of(passed, result)
                     if hop < 0 or hop % self._every:
-                        passed.add(result)
                         continue
-                    result = passed.before(result)
                     how = {"plan": plan[: result.iterations], "borne_out": borne_out}
                     how |= {"marks": marks if self._noise else None}
+                    passed = None
                     yield [TrackedBatch(index, self.config, events, result, **how)]
                     index += 1
                     if index == most:

@@ -35,19 +35,8 @@ LONGEST, RESERVE, TRIED, NEARLY = 1.6, 2.0, 3, 0.6
 def window_lengths(config, cutter, trial, roi):
     """The settings that say how long windows and hops are: those of the configuration, or as suits the motion.
 
-    Parameters
-    ----------
-    config : Config
-    cutter : BatchCutter
-        A :class:`~cmfpga.tracking.fit.FittedCutter` surveys the first events, unless ``window_events`` says it all.
-    trial : callable
-        As of its survey.
-    roi : (x, y, width, height)
-
-    Yields
-    ------
-    None
-        Where the source has no events yet.
+    A :class:`~cmfpga.tracking.fit.FittedCutter` surveys the first events in ``roi``, (x, y, width, height), unless
+    ``window_events`` says it all; ``trial`` is as of its survey. Yields None where the source has no events yet.
     """
     count, longest = window_events(config), 1 << (config.span_bits - 1)
     least = max(config.min_roi_events, count // FEWEST)
@@ -110,34 +99,18 @@ class Overlapping:
         return 2 * sum(one for _, one in self._windows) >= len(self._windows)
 
 
-class PassedOver:
-    """Counts of the hops whose results are not kept: they are those of the next one that is."""
-
-    _COUNTS = ("events", "outside", "thinned", "time_back", "hot", "noise", "fresh")
-
-    def __init__(self):
-        self._counts = collections.Counter()
-
-    def add(self, result):
-        """A result that is not kept."""
-        self._counts.update({name: getattr(result, name) for name in self._COUNTS})
-
-    def before(self, result):
-        """``result``, which is kept, with the events that came since the last one that was."""
-        if not self._counts:
-            return result
-        counts, self._counts = self._counts, collections.Counter()
-        return dataclasses.replace(result, **{name: getattr(result, name) + counts[name] for name in self._COUNTS})
+def with_those_of(passed, result):
+    """``result`` with the counts of a hop before, whose result is ``passed`` over; None: of none."""
+    if passed is None:
+        return result
+    counts = ("events", "outside", "thinned", "time_back", "hot", "noise", "fresh")
+    return dataclasses.replace(result, **{name: getattr(passed, name) + getattr(result, name) for name in counts})
 
 
 class Newest:
-    """The newest events of the whole sensor, of which hops tell where a window begins and ends.
+    """The newest events of the whole sensor, the first that comes being number ``first``.
 
-    Parameters
-    ----------
-    config : Config
-    first : int
-        Number of the first event that comes.
+    Hops tell where in them a window begins and ends.
     """
 
     def __init__(self, config, first):

@@ -23,20 +23,9 @@ _MOST_WORDS = 16 << 12
 
 
 class Source:
-    """Where a track's events come from.
+    """Where a track's events come from; arguments as of :func:`~cmfpga.api.track.track`.
 
-    Parameters
-    ----------
-    recording, sensor, time_unit, columns, dataset
-        As of :func:`~cmfpga.api.track.track`.
-
-    Attributes
-    ----------
-    name : str
-        For people.
-    synthetic : Synthetic or None
-    motion : Motion or None
-        The true motion, where it is known.
+    ``name`` is for people, ``synthetic`` the :class:`Synthetic` or None, ``motion`` the true one, where it is known.
     """
 
     def __init__(self, recording, *, sensor=None, time_unit=None, **layout):
@@ -75,30 +64,20 @@ class Source:
 
 
 def sensor_fields(source, given, usual, how):
-    """The configuration's fields that the size of a source's sensor determines.
+    """The configuration's fields that the size of a source's sensor determines; and a note where that is a guess.
 
-    Parameters
-    ----------
-    source : EventSource
-    given : dict
-        Fields that the user gives.
-    usual : callable
-        ``usual()``: the :class:`Config` whose sensor is taken where nobody tells the size.
-    how : str
-        How a user says the size.
-
-    Returns
-    -------
-    dict, str or None
-        The fields, and a note for the user where the size is a guess.
+    ``given`` are fields that the user gives, ``usual()`` is the :class:`Config` whose sensor is taken where nobody
+    tells the size, and ``how`` a user says it.
     """
     if source.width is not None:
         return {"sensor_width": source.width, "sensor_height": source.height}, None
     if "sensor_width" in given:
         return {}, None
-    config = usual()
+    config, covered = usual(), (0, 0)  # of a source that gives its events only once
+    if getattr(source, "seekable", False) and (first := next(source.chunks(0, CHUNK_EVENTS), None)):
+        covered = tuple(int(places.max()) + 1 for places in (first.x, first.y))
     least = config.sensor_width, config.sensor_height
-    width, height = likely_sensor(_covered(source), least)
+    width, height = likely_sensor(covered, least)
     fields = {"sensor_width": width, "sensor_height": height} if (width, height) != least else {}
     size = f"taking {width}×{height} px"
     return fields, f"{source.name} does not say how large its sensor is: {size}; say it with {how}"
@@ -107,44 +86,18 @@ def sensor_fields(source, given, usual, how):
 def likely_sensor(covered, least):
     """The size (width, height) that is taken of a sensor of unknown size, px.
 
-    Parameters
-    ----------
-    covered : (int, int)
-        Columns and rows up to the last event.
-    least : (int, int)
-        The configuration's sensor, which is taken where it holds them; else the smallest of :data:`SENSORS` that does,
-        or what is covered.
+    ``least``, the configuration's, where it holds the columns and rows up to the last event, which are ``covered``;
+    else the smallest of :data:`SENSORS` that does, or what is covered.
     """
     sizes = (least, *(size for size in SENSORS if size[0] >= least[0] and size[1] >= least[1]), covered)
     return next(size for size in sizes if size[0] >= covered[0] and size[1] >= covered[1])
 
 
-def _covered(source):
-    """Columns and rows up to the last of a source's first events; (0, 0) of one that gives its events only once."""
-    if not getattr(source, "seekable", False):
-        return 0, 0
-    first = next(source.chunks(0, CHUNK_EVENTS), None)
-    return tuple(int(places.max()) + 1 for places in (first.x, first.y)) if first else (0, 0)
-
-
 def rotation_fields(source, motion, given, how):
-    """What a rotation takes from the recording by itself: its calibration, the whole sensor as the ROI, the binning by
-    which the image fits an FPGA, and the tags that it needs.
+    """Fields that a rotation takes from the recording by itself; none of another ``motion``, or that are ``given``.
 
-    Parameters
-    ----------
-    source : EventSource
-    motion : str
-        As of ``Config``; nothing is taken for another one.
-    given : dict
-        Fields that the user gives; they go before.
-    how : str
-        How a user gives a calibration.
-
-    Returns
-    -------
-    dict
-        Fields of the configuration. Raises :exc:`ConfigError` without a calibration.
+    Its calibration, the whole sensor as the ROI, the binning by which the image fits an FPGA, and the tags that it
+    needs. Raises :exc:`ConfigError` without a calibration, which says ``how`` a user gives one.
     """
     if motion != "rotation":
         return {}
@@ -210,20 +163,10 @@ def unit_note(source, how):
 
 
 def with_rows(config, count, given):
-    """``config`` with a table that has a row for each of ``count`` objects.
+    """``config`` with a table that has a row for each of ``count`` objects; as it is where it has regions.
 
-    Parameters
-    ----------
-    config : Config
-        Stays as it is where it has regions.
-    count : int
-    given : dict
-        Fields that the user gives; none of these is changed.
-
-    Raises
-    ------
-    ConfigError
-        The hardware cannot have regions, or has too few.
+    None of the fields that a user has ``given`` is changed. Raises :exc:`ConfigError` where the hardware cannot have
+    regions, or has too few.
     """
     if not config.regions:
         usual = preset(_ROWS_OF)

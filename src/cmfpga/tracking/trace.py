@@ -24,41 +24,25 @@ class IterationTrace:
     """One iteration, or one evaluation of a round: what the engine has between its blocks.
 
     Real numbers, float64. Those of the engines ``rtl`` and ``model`` are raw integers times the step of their format,
-    so nothing is lost; ``raw`` holds the integers.
-
-    Parameters
-    ----------
-    v, v_next : [2], or one for each parameter of the motion
-        Velocity that the iteration used, and the one that it, or its round, found; px per half batch.
-    level : int
-        The image's pixels are 2^level px wide. Positions, images and derivatives are in these pixels.
-    log2_step : int or None
-        The step is 2^log2_step px per half batch; None for a constant η, and in rounds.
-    x, y : [n_k]
-        Warped columns and rows of the events that the iteration uses (:func:`cmfpga.config.schedule.used`), relative
-        to the ROI.
-    iwe, iwe_dx, iwe_dy : [rows, columns]
-        Image of warped events I in events per pixel, ∂I/∂vx, ∂I/∂vy.
-    sum_i, sum_d, s, g : scalar, [2], [2], [2]; s and g have one for each parameter of the motion
-        ΣI, ΣD, S = Σ I·D, G = P·S − ΣI·ΣD; of motions beyond translation G = S.
-    raw : dict or None
-        The same names, int64, in the formats of ``Config``; None for the engine ``float``.
+    so nothing is lost; ``raw`` holds the integers. Positions, images and derivatives are in the image's pixels. ``x``,
+    ``y``: warped columns and rows of the events that the iteration uses (:func:`cmfpga.config.schedule.used`), relative
+    to the ROI. ``v``, ``s`` and ``g`` have one member for each of the m parameters of the motion.
     """
 
-    v: np.ndarray
-    v_next: np.ndarray
-    level: int
-    log2_step: int | None
-    x: np.ndarray
-    y: np.ndarray
-    iwe: np.ndarray
-    iwe_dx: np.ndarray
-    iwe_dy: np.ndarray
-    sum_i: float
-    sum_d: np.ndarray
-    s: np.ndarray
-    g: np.ndarray
-    raw: dict | None
+    v: np.ndarray  # [m]: velocity that the iteration used, px per half batch
+    v_next: np.ndarray  # [m]: the one that it, or its round, found
+    level: int  # the image's pixels are 2^level px wide
+    log2_step: int | None  # the step is 2^log2_step px per half batch; None for a constant η, and in rounds
+    x: np.ndarray  # [n_k]
+    y: np.ndarray  # [n_k]
+    iwe: np.ndarray  # [rows, columns]: image of warped events I, events per pixel
+    iwe_dx: np.ndarray  # [rows, columns]: ∂I/∂vx
+    iwe_dy: np.ndarray  # [rows, columns]: ∂I/∂vy
+    sum_i: float  # ΣI
+    sum_d: np.ndarray  # [2]: ΣD
+    s: np.ndarray  # [m]: S = Σ I·D
+    g: np.ndarray  # [m]: G = P·S − ΣI·ΣD, of P pixels; of motions beyond translation G = S
+    raw: dict | None  # the same names, int64, in the formats of ``Config``; None for the engine ``float``
 
 
 class BatchTrace:
@@ -66,23 +50,8 @@ class BatchTrace:
 
     Rounds have four evaluations each: then ``trace[k]`` is evaluation k mod 4 of round k div 4, ``len(trace)`` is 4·T.
 
-    Parameters
-    ----------
-    config : Config
-    engine : str
-        Name of the engine that ran the batch.
-    events : Events
-        All events of the batch.
-    result : BatchResult
-        What the engine returned.
-    plan : tuple
-        A ``ScheduleEntry`` per iteration, or a ``Round``.
-    thinning : int
-        The engine stored one ROI event in so many.
-    name : str
-        Of the recording, for messages.
-    marks : pair of bool arrays, optional
-        Which of the events were dropped, as :class:`~cmfpga.tracking.loop.TrackedBatch` has it.
+    All ``events`` of the batch are needed, the ``result`` and the name of its ``engine``, the recording's ``name`` for
+    messages, and plan, thinning and marks of its :class:`~cmfpga.tracking.loop.TrackedBatch`.
 
     Attributes
     ----------
@@ -157,7 +126,9 @@ class BatchTrace:
         if not -len(self) <= k < len(self):
             raise IndexError(f"iteration {k}: 0 to {len(self) - 1} is needed")
         k %= len(self)
-        done = self._real_iteration(k) if self._real else self._raw_iteration(k)
+        entry = self.plan[k]
+        events = (axis[used(entry, k, len(axis))] for axis in self._events)
+        done = (self._real_iteration if self._real else self._raw_iteration)(k, entry, *events)
         self._check(k, done)
         return done
 
@@ -173,16 +144,10 @@ class BatchTrace:
         if not all(np.allclose(a, b, rtol=1e-9, atol=1e-9) if self._real else np.array_equal(a, b) for a, b in pairs):
             raise self._changed()
 
-    def _used(self, k):
-        """The events of an iteration."""
-        return tuple(axis[used(self.plan[k], k, len(axis))] for axis in self._events)
-
-    def _raw_iteration(self, k):
-        config, entry = self.config, self.plan[k]
-        level = entry.level
+    def _raw_iteration(self, k, entry, x, y, dt):
+        config, level = self.config, entry.level
         columns, rows = config.geometry.level_size(level)
-        x, y, dt = self._used(k)
-        v = tuple(int(axis) for axis in self._v[k])
+        v = tuple(map(int, self._v[k]))
         b = basis(config, x, y, roi=self.result.roi, camera=self._settings.camera)
         core = IntegerCore(config)
         if self._each > 1:
@@ -223,24 +188,15 @@ class BatchTrace:
             return newton(config, tuple(self.result.trace.v[number].tolist()), s.tolist(), entry)[0]
         return self.result.trace.v[number] + newton_step(s.tolist(), entry.distance / 4, entry.limit)
 
-    def _real_iteration(self, k):
-        config, entry = self.config, self.plan[k]
-        level = entry.level
+    def _real_iteration(self, k, entry, x, y, dt):
+        config, level = self.config, entry.level
         columns, rows = config.geometry.level_size(level)
-        x, y, dt = self._used(k)
         size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
         now = floating.evaluate(x, y, dt, self.v[k], level=level, **size)
         warped = (floating.at_level(axis, level).numpy() for axis in floating.warp(x, y, dt, self.v[k]))
         images = (image.numpy()[:rows, :columns] for image in (now.image, now.derivative_x, now.derivative_y))
         pairs = ((now.sum_dx, now.sum_dy), (now.s_x, now.s_y), (now.g_x, now.g_y))
-        return IterationTrace(
-            self.v[k],
-            self._step(k) if self._each > 1 else self.v[k + 1],
-            level,
-            getattr(entry, "log2_step", None),
-            *warped,
-            *images,
-            float(now.sum_i),
-            *(np.array([float(axis) for axis in pair]) for pair in pairs),
-            raw=None,
-        )
+        pairs = (np.array([float(axis) for axis in pair]) for pair in pairs)
+        found = self._step(k) if self._each > 1 else self.v[k + 1]
+        log2_step = getattr(entry, "log2_step", None)
+        return IterationTrace(self.v[k], found, level, log2_step, *warped, *images, float(now.sum_i), *pairs, raw=None)

@@ -2,7 +2,6 @@
 
 import functools
 import itertools
-import math
 
 import numpy as np
 
@@ -19,10 +18,7 @@ STILL_PX = 0.5
 #: What is told of motions beyond translation: columns, their names for people, and units.
 _TOLD = {
     "translation": (),
-    "similarity": (
-        ("zoom_per_s", "zoom", "/s"),
-        ("roll_rad_per_s", "roll", "rad/s"),
-    ),
+    "similarity": (("zoom_per_s", "zoom", "/s"), ("roll_rad_per_s", "roll", "rad/s")),
     "rotation": tuple((f"w{axis}_rad_per_s", f"ω{axis}", "rad/s") for axis in "xyz"),
 }
 
@@ -47,60 +43,41 @@ class Verdict:
         ``numbers(name)``: a column of ``track.csv``, float64 [batches]; NaN where it is empty.
     flags : list of Flag
         Of each batch.
-    motion, stays, slides
-        ``motion``, ``roi_stays`` and ``slides`` of ``Config``: whether the ROI of a lost object stays, and whether
-        these are windows that overlap.
-
-    Attributes
-    ----------
-    judged, trusted : bool [batches]
-        Whose confidence was measured; which of them are to be trusted.
-    speeds : float64 [used, 2]
-        (vx, vy) in px/s.
-    px : float or None
-        |v|, px per half batch, in the median.
-    ambiguous : dict
-        ``{Ambiguity: number of batches}`` whose events leave that open.
-    short : bool [batches]
-        Which were judged and move so little that v is found too large.
-    spreads : dict
-        The standard deviation of one batch in physical units, ``{name: median, or NaN}``.
-    rates : dict
-        The motion of these batches in physical units beside it, ``{name: float64 [used]}`` of
-        :func:`cmfpga.imaging.camera.rates`; NaN where there is none.
-    lost : list of (int, int)
-        First and last batch of each stretch of :data:`~cmfpga.tracking.fit.LOST_BATCHES` or more, all of them
-        doubtful; of windows that overlap, of so many of their lengths. Empty where the confidence was not measured.
+    motion, stays, slides, pixel
+        ``motion``, ``roi_stays``, ``slides`` and ``pixel`` of ``Config``.
     """
 
     def __init__(self, numbers, flags, motion="translation", stays=1, slides=False, pixel=1):
         self.one, self.many = ("window", "windows") if slides else ("batch", "batches")
-        self.judged = ~np.isnan(numbers("confidence"))
+        self.judged = ~np.isnan(numbers("confidence"))  # bool [batches], as the next: whose confidence was measured
         measured = ~np.isnan(numbers("vx_px_per_s"))
         self.trusted = numbers("trusted") > 0
         found = numbers("ambiguity").astype(np.int64)
+        #: ``{Ambiguity: number of batches}`` whose events leave that open.
         self.ambiguous = {one: int(np.count_nonzero(found & one)) for one in Ambiguity}
         # These were not lost: no batch started cold because of them.
         sharp = np.array([Flag.DOUBTFUL not in one for one in flags], bool)
         self._held = self.trusted | (((found & UNTRUSTED) > 0) & sharp)
         size = np.hypot(numbers("vx"), numbers("vy"))
         used = self.trusted if self.judged.any() else measured
-        self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]
+        self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]  # px/s
         self.motion, self._stays, self._pixel = motion, stays, pixel
-        self.rates = {name: numbers(name)[used] for name in RATES[motion]}
+        self.rates = {name: numbers(name)[used] for name in RATES[motion]}  # float64 [used]; NaN where there is none
+        #: Which were judged and move so little that v is found too large.
         self.short = np.array([Flag.SHORT in flag for flag in flags], bool) & self.judged
         self._least = size[self.short].min(initial=np.inf) / pixel
-        self.spreads = {name: self._median(numbers(f"{name}_sd")[used]) for name in DEVIATIONS[motion]}
-        moved = size[used if used.any() else measured]
-        self.px = float(np.median(moved)) if len(moved) else None
+        #: Standard deviation of one batch in physical units, in the median; None where there is none.
+        self.spreads = {name: _extent(numbers(f"{name}_sd")[used])[1] for name in DEVIATIONS[motion]}
+        _, self.px, _ = _extent(size[used if used.any() else measured])  # |v|, px per half batch, in the median
         self._times = numbers("t_ref_us")
         self._lengths = numbers("window_us") if slides else None
+        #: First and last batch of each stretch of :data:`~cmfpga.tracking.fit.LOST_BATCHES` or more, all of them
+        #: doubtful; of windows that overlap, of so many of their lengths. Empty where the confidence was not measured.
         self.lost = self._lost() if self.judged.any() else []
 
     @classmethod
     def of(cls, values, motion="translation", stays=1, slides=False, pixel=1):
         """Of a list of :attr:`TrackedBatch.values <cmfpga.tracking.loop.TrackedBatch.values>`."""
-
         declared = columns(motion, slides)
 
         def numbers(name):
@@ -108,15 +85,10 @@ class Verdict:
 
         return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion, stays, slides, pixel)
 
-    @staticmethod
-    def _median(values):
-        values = values[~np.isnan(values)]
-        return float(np.median(values)) if len(values) else math.nan
-
     def _with_spread(self, value, name, form):
         """A value, and after it its standard deviation, in words."""
-        spread = self.spreads.get(name, math.nan)
-        return f"{value:{form}}" if math.isnan(spread) else f"{value:{form}} ± {spread:.2g}"
+        spread = self.spreads.get(name)
+        return f"{value:{form}}" if spread is None else f"{value:{form}} ± {spread:.2g}"
 
     def _lost(self):
         runs = itertools.groupby(range(len(self._held)), key=lambda k: bool(self._held[k]))
@@ -134,8 +106,7 @@ class Verdict:
     @functools.cached_property
     def px_per_s(self):
         """|velocity|: smallest, median and largest, px/s; None where there is none."""
-        speed = np.hypot(*self.speeds.T)
-        return (float(speed.min()), float(np.median(speed)), float(speed.max())) if len(speed) else None
+        return _extent(np.hypot(*self.speeds.T)) if len(self.speeds) else None
 
     @property
     def share(self):
@@ -182,15 +153,13 @@ class Verdict:
     @functools.cached_property
     def time_to_contact(self):
         """Of the zoom in the median, s; None of what does not come nearer."""
-        zoom = self.rates.get("zoom_per_s", np.zeros(0))
-        middle = np.median(zoom[~np.isnan(zoom)]) if not np.isnan(zoom).all() else 0
-        return float(1 / middle) if middle > 0 else None
+        _, zoom, _ = _extent(self.rates.get("zoom_per_s", np.zeros(0)))
+        return 1 / zoom if zoom is not None and zoom > 0 else None
 
     def _told(self, name, unit):
-        values = self.rates[name][~np.isnan(self.rates[name])]
-        if not len(values):
+        low, middle, high = _extent(self.rates[name])
+        if middle is None:
             return ""
-        middle, low, high = np.median(values), values.min(), values.max()
         return f"{self._with_spread(middle, name, '.3g')} {unit} in the median, {low:.3g} to {high:.3g}"
 
     def warnings(self):
@@ -225,11 +194,9 @@ class Verdict:
 
     def notes(self, fitted=False):
         """Sentences about what could be measured better; ``fitted``: the lengths of batches were chosen."""
-        found = []
         if not self.judged.any():
-            return found
-        if self.short.any():
-            found.append(self._short_text)
+            return []
+        found = [self._short_text] if self.short.any() else []
         # Some windows of one motion look like that, too.
         if 2 * (doubled := self.ambiguous[Ambiguity.TWO_MOTIONS]) > len(self.trusted):
             found.append(
@@ -250,26 +217,25 @@ class Verdict:
 
     def summary(self):
         """The same, JSON-ready."""
-        low, median, high = self.px_per_s or (None, None, None)
+        judged = self.judged.any()
         vx, vy = np.median(self.speeds, axis=0).tolist() if len(self.speeds) else (None, None)
+        extents = {"px_per_s": np.hypot(*self.speeds.T), **{name: self.rates[name] for name, *_ in _TOLD[self.motion]}}
+        ambiguous = {one.name.lower(): count for one, count in self.ambiguous.items()}
         return {
-            "trusted_batches": int(self.trusted.sum()) if self.judged.any() else None,
+            "trusted_batches": int(self.trusted.sum()) if judged else None,
             "lost_batches": [list(run) for run in self.lost],
-            "short_batches": int(self.short.sum()) if self.judged.any() else None,
-            "ambiguous_batches": {one.name.lower(): count for one, count in self.ambiguous.items()}
-            if self.judged.any()
-            else None,
+            "short_batches": int(self.short.sum()) if judged else None,
+            "ambiguous_batches": ambiguous if judged else None,
             "median_px_per_half_batch": self.px,
             "vx_px_per_s": vx,
             "vy_px_per_s": vy,
-            "standard_deviation": {k: None if math.isnan(one) else one for k, one in self.spreads.items()},
-            "px_per_s": {"lowest": low, "median": median, "highest": high},
-            **{name: self._spread(self.rates[name]) for name, _, _ in _TOLD[self.motion]},
+            "standard_deviation": self.spreads,
+            **{k: dict(zip(("lowest", "median", "highest"), _extent(v), strict=True)) for k, v in extents.items()},
             **({"time_to_contact_s": self.time_to_contact} if self.motion == "similarity" else {}),
         }
 
-    @staticmethod
-    def _spread(values):
-        values = values[~np.isnan(values)].tolist()
-        found = (min(values), float(np.median(values)), max(values)) if values else (None,) * 3
-        return dict(zip(("lowest", "median", "highest"), found, strict=True))
+
+def _extent(values):
+    """Smallest, median and largest of what is no NaN; None, thrice, where all is."""
+    values = values[~np.isnan(values)]
+    return tuple(float(of(values)) for of in (np.min, np.median, np.max)) if len(values) else (None,) * 3

@@ -5,14 +5,5 @@ from .known import FIELD, Known, of_pieces, read_known
 from .pieces import Truth, read_truth, sidecar
 
 __all__ = [
-    "FIELD",
-    "REACH_S",
-    "WRONG_PX",
-    "Accuracy",
-    "Known",
-    "Truth",
-    "of_pieces",
-    "read_known",
-    "read_truth",
-    "sidecar",
-]
+    "FIELD", "REACH_S", "WRONG_PX", "Accuracy", "Known", "Truth", "of_pieces", "read_known", "read_truth", "sidecar",
+]  # fmt: skip

@@ -16,10 +16,9 @@ import numpy as np
 from ..errors import ConfigError, RecordingError, naming
 from ..imaging.camera import Camera, extent, nearest, parameters
 from ..imaging.iwe import gain, scaled_roi_events
-from ..imaging.survey.statistics import box_sums
 from ..protocol.confidence import is_judged
 from ..protocol.flags import Flag
-from .known import FIELD, GYROSCOPE, POSES, VELOCITY
+from .known import FIELD, GYROSCOPE, POSES
 
 #: What is trusted and off by more than this is wrong, px per half window; and the errors whose shares are told.
 WRONG_PX, SHARES_PX = 0.6, (0.6, 1.0, 3.0)
@@ -41,20 +40,12 @@ class Accuracy:
 
     Parameters
     ----------
-    known : Known
-    config : Config
     camera : Camera, optional
         Which sees the image; by default the configuration's. A gyroscope and poses need one, but for a rotation.
     delay : float, optional
         What happens at t of the recording stands at t + delay of the truth, s; by default it is fitted.
     depth : float, optional
         How far away is what is seen, m; of poses.
-
-    Attributes
-    ----------
-    known : Known
-    degenerate : int
-        Windows, or tiles, that measured no motion.
 
     Raises
     ------
@@ -66,10 +57,13 @@ class Accuracy:
         self._rotation = config.motion == "rotation"
         self.known, self._config, self._given, self._depth = known, config, delay, depth
         self._camera = Camera(*config.calibration[:4]) if config.lens else camera
-        self.degenerate, self._rows, self._places, self._found, self._true = 0, [], [], [], []
-        if self._rotation and known.kind not in (GYROSCOPE, POSES):
+        self.degenerate = 0  # windows, or tiles, that measured no motion
+        self._rows, self._places, self._found, self._true = [], [], [], []
+        turns = known.kind in (GYROSCOPE, POSES)
+        if self._rotation and not turns:
             raise ConfigError(f"{known.name}: {known.kind}; a rotation is compared with a gyroscope or poses")
-        if not self._rotation and known.kind in (GYROSCOPE, POSES) and self._camera is None:
+        self._by_camera = turns and not self._rotation
+        if self._by_camera and self._camera is None:
             raise ConfigError(
                 f"{known.name}: {known.kind}; a calibration is needed to compare velocities: --camera FILE"
             )
@@ -118,11 +112,8 @@ class Accuracy:
         column, row, inside = nearest(window.config, at.x, at.y)
         seen = np.bincount((row * flow.shape[1] + column)[inside], minlength=flow[..., 0].size).reshape(flow.shape[:2])
         there = np.isfinite(flow).all(axis=2)
-        left, top = np.array(window.tiles.corners).T
-        every, few, *sums = (
-            box_sums(one.astype(np.float64), window.tiles.width, window.tiles.height)[top, left]
-            for one in (seen, seen * there, *(np.where(there, flow[..., k] * seen, 0.0) for k in (0, 1)))
-        )
+        weighted = (np.where(there, flow[..., k] * seen, 0.0) for k in (0, 1))
+        every, few, *sums = window.tiles.sums(*(one.astype(np.float64) for one in (seen, seen * there, *weighted)))
         known = (2 * few >= every) & (few > 0.5)
         return np.where(known[:, None], np.transpose(sums) / np.maximum(few, 1)[:, None], np.nan)
 
@@ -136,7 +127,7 @@ class Accuracy:
         self.judged, self.trusted = table[:, 4] > 0, table[:, 5] > 0
         self.half_s, self.places = (self.t1 - self.t0) / 2e6, np.array(self._places).reshape(-1, 2)
         self.found = np.array(self._found, np.float64).reshape(len(table), -1)
-        self._basis = None if self._rotation or self.known.kind not in (GYROSCOPE, POSES) else self._image_basis()
+        self._basis = self._image_basis() if self._by_camera else None
         fits = self._given is None and self.known.kind != FIELD
         self.delay, self.undelayed_px = self._fit() if fits else (self._given or 0.0, None)
         true, self.covered, self.along = self._expected(self.delay, slice(None))
@@ -144,8 +135,7 @@ class Accuracy:
             raise self.known.apart(self.t0.min(), self.t1.max())
         self.true, self.error = true, self.found - true
         if self._rotation:
-            spans = (self.t1 - self.t0).tolist()
-            each = zip(self.error.tolist(), spans, strict=True)
+            each = zip(self.error.tolist(), (self.t1 - self.t0).tolist(), strict=True)
             moved = [extent(self._config, parameters(self._config, e, span), (0, 0)) for e, span in each]
             self.px = np.array(moved) * self._config.pixel
         else:
@@ -162,20 +152,17 @@ class Accuracy:
 
     def _expected(self, delay, rows):
         """``(truth [N, axes], whether it is known [N], whether only its direction is)`` of some rows."""
-        signal, known = self.known.signal, self.known
-        if known.kind == FIELD:
+        signal = self.known.signal
+        if self.known.kind == FIELD:
             true = np.array(self._true)[rows]
             return true, np.isfinite(true[:, 0]), False
         t0, t1 = self.t0[rows] + delay * 1e6, self.t1[rows] + delay * 1e6
-        covered = signal.covers(t0, t1)
-        if known.kind == VELOCITY:
-            return signal.mean(t0, t1), covered, False
-        mean = signal.mean(t0, t1)
-        if self._rotation:
-            return mean[:, :3], covered, False
+        covered, mean = signal.covers(t0, t1), signal.mean(t0, t1)
+        if not self._by_camera:
+            return mean[:, :3], covered, False  # of an image's velocity both
         basis = self._basis[rows]
         turn = np.einsum("nak,nk->na", basis[..., :3], mean[:, :3])
-        if known.kind == GYROSCOPE:
+        if self.known.kind == GYROSCOPE:
             return turn, covered, False
         way = np.einsum("nak,nk->na", basis[..., 3:], mean[:, 3:])
         if self._depth is not None:
@@ -219,11 +206,6 @@ class Accuracy:
         """Names of what is compared; ``("across",)`` where only the direction of the truth is known."""
         return ("across",) if self.along else _AXES[self._rotation]
 
-    @property
-    def unit(self):
-        """Of the axes."""
-        return "rad/s" if self._rotation else "px/s"
-
     def _numbers(self, chosen):
         """What is told of some rows, JSON-ready; None of none."""
         count = int(chosen.sum())
@@ -263,7 +245,7 @@ class Accuracy:
             "judged": bool(self.judged.any()),
             "wrong": int((self.px[trusted] > WRONG_PX).sum()),
             "depth_unknown": self.along,
-            "unit": self.unit,
+            "unit": "rad/s" if self._rotation else "px/s",
             "trusted": self._numbers(trusted),
             "all": self._numbers(self.covered),
         }

@@ -33,21 +33,10 @@ _COVERED = 0.9  # of a window's time
 
 
 class FlowField:
-    """A flow over time; each of its windows has one.
+    """A flow over time; each of its windows, which begin and end at ``times`` [N, 2], µs, ascending, has one.
 
-    Parameters
-    ----------
-    times : array [N, 2]
-        Begin and end of each window, µs, ascending.
-    shape : (int, int)
-        Rows and columns.
-    frame : callable
-        ``frame(k)``: motion in window k, px, float64 [rows, columns, 2]; NaN where it is not known.
-
-    Attributes
-    ----------
-    first, last : float
-        The range of time that it covers, µs.
+    ``frame(k)`` is the motion in window k, px, float64 [rows, columns, 2]; NaN where it is not known. ``first`` and
+    ``last`` are the range of time that is covered, µs.
     """
 
     def __init__(self, times, shape, frame):
@@ -68,11 +57,9 @@ class FlowField:
         if overlap.sum() < _COVERED * (t1 - t0):
             return np.full((*self.shape, 2), np.nan)
         used = np.flatnonzero(overlap)
-        self._kept = {k: self._kept[k] if k in self._kept else self._speed(k) for k in used.tolist()}
+        kept, lengths = self._kept, np.diff(self.times) * 1e-6
+        self._kept = {k: kept[k] if k in kept else self._frame(k) / lengths[k] for k in used.tolist()}
         return sum(overlap[k] * flow for k, flow in self._kept.items()) / overlap.sum()
-
-    def _speed(self, k):
-        return self._frame(k) / (np.diff(self.times[k]) * 1e-6)
 
 
 def is_field(path):

@@ -68,19 +68,12 @@ _TELLING = "t vx vy; t wx wy wz; t ax ay az gx gy gz; or t px py pz qx qy qz qw"
 class Known:
     """A true motion over time.
 
-    Parameters
-    ----------
-    name : str
-        Of its file.
-    kind : str
-        :data:`VELOCITY`: ``signal`` has (vx, vy) in px/s. :data:`GYROSCOPE`: the camera's angular velocity about its
-        x (right), y (down) and z (forward), rad/s. :data:`POSES`: this, and behind it its velocity along these, m/s.
-    signal : Signal or FlowField
-    rows : int
-        Of the file.
+    Of the ``kind`` :data:`VELOCITY` the ``signal`` has (vx, vy) in px/s. :data:`GYROSCOPE`: the camera's angular
+    velocity about its x (right), y (down) and z (forward), rad/s. :data:`POSES`: this, and behind it its velocity along
+    these, m/s. :data:`FIELD`: a :class:`FlowField <cmfpga.truth.fields.FlowField>`.
     """
 
-    name: str
+    name: str  # of its file, as the rows
     kind: str
     signal: Signal
     rows: int
@@ -104,29 +97,21 @@ class Known:
 
 
 def read_known(path, unit=None):
-    """The :class:`Known` of a file.
+    """The :class:`Known` of a file. Raises :exc:`RecordingError` where it is none of these, or of no use; one line.
 
-    Parameters
-    ----------
-    path : str or Path
-    unit : {"s", "ms", "us", "ns"}, optional
-        Of a text's times. By default what its names say; else s, if one has a fraction, and µs if none has.
-
-    Raises
-    ------
-    RecordingError
-        The file cannot be read, is none of these, or has numbers that are of no use; one line.
+    ``unit``, one of s, ms, us and ns, is that of a text's times. By default what its names say; else s, if one has a
+    fraction, and µs if none has.
     """
     path = Path(path)
-    found = read_truth(path) if path.is_file() and h5py.is_hdf5(path) else None
-    if found is None and is_field(path):
+    hdf5 = path.is_file() and h5py.is_hdf5(path)
+    if hdf5 and (found := read_truth(path)):
+        return of_pieces(found, path)
+    if is_field(path):
         field = read_field(path)
         return Known(str(path), FIELD, field, len(field.times))
-    if path.is_file() and h5py.is_hdf5(path):
-        if found is None:
-            needed = f"/ground_truth/motion, a flow ({', '.join(DATASETS)}), or a text ({_TELLING})"
-            raise RecordingError(f"{path}: no true motion; {needed}, is needed")
-        return of_pieces(found, path)
+    if hdf5:
+        needed = f"/ground_truth/motion, a flow ({', '.join(DATASETS)}), or a text ({_TELLING})"
+        raise RecordingError(f"{path}: no true motion; {needed}, is needed")
     lines = _lines(path)
     table = _table(path, lines)
     names = _header(path, lines, table.shape[1])
@@ -153,15 +138,14 @@ def of_pieces(found, path):
 def _known(path, kind, times, values):
     if len(times) < 2:
         raise RecordingError(f"{path}: {len(times)} row{'s' * (len(times) != 1)}; two or more are needed")
-    back = np.diff(times) <= 0
-    if back.any():
-        k = int(back.argmax()) + 1
-        raise RecordingError(f"{path}, row {k + 1}: its time is not after that of the row before; it must increase")
+    if (back := np.diff(times) <= 0).any():
+        row = int(back.argmax()) + 2
+        raise RecordingError(f"{path}, row {row}: its time is not after that of the row before; it must increase")
     if kind != POSES:
         return Known(str(path), kind, Signal(times, values), len(times))
     length = np.linalg.norm(values[:, 3:], axis=1)
-    if (np.abs(length - 1) > 0.05).any():
-        k = int((np.abs(length - 1) > 0.05).argmax())
+    if (off := np.abs(length - 1) > 0.05).any():
+        k = int(off.argmax())
         raise RecordingError(f"{path}, row {k + 1}: qx qy qz qw are no rotation: of length {length[k]:.3g}, not 1")
     return Known(str(path), kind, Signal(times[:-1], _rates(times, values), end=times[-1]), len(times))
 

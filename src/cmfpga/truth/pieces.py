@@ -21,20 +21,10 @@ from ..forms import Array, FormError
 
 
 class Signal:
-    """Values over time: straight lines between samples; or, with ``end``, each holds until the next time.
+    """Values [n, k] over times [n], µs, ascending: straight lines between samples.
 
-    Parameters
-    ----------
-    times : float64 [n]
-        µs, ascending.
-    values : float64 [n, k]
-    end : float, optional
-        Until when the last value holds, µs.
-
-    Attributes
-    ----------
-    first, last : float
-        The range of time that it covers, µs.
+    Or, with ``end``, each value holds until the next time, the last one until ``end``, µs. ``first`` and ``last`` are
+    the range of time that is covered, µs.
     """
 
     def __init__(self, times, values, end=None):
@@ -55,10 +45,7 @@ class Signal:
         return (t0 >= self.first) & (t1 <= self.last)
 
     def mean(self, t0, t1):
-        """Means from ``t0`` to a later ``t1``, µs, float64 [N, k].
-
-        Outside of its range the last piece goes on.
-        """
+        """Means from ``t0`` to a later ``t1``, µs, float64 [N, k]. Outside of its range the last piece goes on."""
         span = np.asarray(t1 - t0, np.float64)
         whole = self._integral(t1) - self._integral(t0)
         return whole / np.maximum(span, 1e-9)[:, None]
@@ -80,24 +67,12 @@ _FORMS = {"t": Array("iuf", ("N",)), "velocity": Array("iuf", ("N", 2)), "start"
 
 @dataclass(frozen=True)
 class Truth:
-    """A known motion, constant piece by piece.
+    """A known motion, constant piece by piece."""
 
-    Parameters
-    ----------
-    source : str
-        ``"sidecar"`` or ``"recording"``.
-    times : tuple of int
-        Begin of each piece, µs, ascending.
-    velocities : tuple of (float, float)
-        (vx, vy) of each piece, px/s.
-    start : (float, float) or None
-        Place of the object's centre at the first of the times, px.
-    """
-
-    source: str
-    times: tuple
-    velocities: tuple
-    start: tuple | None = None
+    source: str  # "sidecar" or "recording"
+    times: tuple  # begin of each piece, µs, ascending
+    velocities: tuple  # (vx, vy) of each piece, px/s
+    start: tuple | None = None  # place of the object's centre at the first of the times, px
 
     @property
     def motion(self):
@@ -138,10 +113,6 @@ def read_truth(path):
 
 def read_truth_csv(path):
     """The :class:`Truth` of a sidecar, wherever it stands. Raises :exc:`RecordingError` for a malformed one."""
-    return _checked(path, "sidecar", *_read_csv(path))
-
-
-def _read_csv(path):
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.DictReader(file)
@@ -156,24 +127,16 @@ def _read_csv(path):
             table[k] = [float(text) for text in row]
         except (TypeError, ValueError):
             raise RecordingError(f"{path}, line {k + 2}: three numbers are needed") from None
-    return table[:, 0], table[:, 1:]
+    return _checked(path, "sidecar", table[:, 0], table[:, 1:])
 
 
 def _checked(where, source, times, velocities, start=None):
-    try:
-        times, velocities = np.asarray(times, float), np.asarray(velocities, float)
-        start = None if start is None else np.asarray(start, float)
-    except (TypeError, ValueError):
-        raise RecordingError(f"{where}: numbers are needed") from None
-    if times.ndim != 1 or not len(times) or velocities.shape != (len(times), 2):
+    times, velocities = np.asarray(times, float), np.asarray(velocities, float)
+    if not len(times):
         raise RecordingError(f"{where}: one time, and vx and vy, are needed for each piece")
     if not (np.isfinite(times).all() and np.isfinite(velocities).all()) or (np.diff(times) <= 0).any():
         raise RecordingError(f"{where}: finite numbers, and times that ascend, are needed")
-    if start is not None and (start.shape != (2,) or not np.isfinite(start).all()):
+    if start is not None and not np.isfinite(start).all():
         raise RecordingError(f"{where}: start: x and y are needed")
-    return Truth(
-        source,
-        tuple(int(t) for t in times.round()),
-        tuple(map(tuple, velocities.tolist())),
-        None if start is None else tuple(start.tolist()),
-    )
+    pieces = tuple(int(t) for t in times.round()), tuple(map(tuple, velocities.tolist()))
+    return Truth(source, *pieces, None if start is None else tuple(map(float, start)))
