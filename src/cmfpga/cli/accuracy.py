@@ -34,13 +34,9 @@ def parser():
     track.add_tracking_options(made)
     add_truth_options(made, "; by default the recording's own, or RECORDING.truth.csv beside it")
     group = made.add_argument_group("flow")
-    group.add_argument(
-        "--flow",
-        action="store_true",
-        help="the tiles of cmfpga flow, not a track; --window-events or --window-us: its windows",
-    )
-    group.add_argument("--tile", type=cli.positive, metavar="PX", help="size of a tile (default: 32; 48 for HD)")
-    group.add_argument("--step", type=cli.positive, metavar="PX", help="from tile to tile (default: half a tile)")
+    text = "the tiles of cmfpga flow, not a track; --window-events or --window-us: its windows"
+    group.add_argument("--flow", action="store_true", help=text)
+    cli.add_tile_options(group)
     made.add_argument(
         "--out", default="cmfpga-accuracy", metavar="DIR",
         help="folder for accuracy.csv, and for track.csv or flow.csv (default: %(default)s)",

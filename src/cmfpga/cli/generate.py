@@ -29,10 +29,7 @@ EXAMPLES = (
 
 _two = cli.numbers(float, 2, "two numbers, as in 120,-40, are")
 _three = cli.numbers(float, 3, "three numbers, as in 0,0.6,-0.1, are")
-
-
-def _number(text):
-    return cli.numbers(float, 1, "a number is")(text)[0]
+_number = cli.number(float, "a number is")
 
 
 def parser():

@@ -26,7 +26,7 @@ def shown(browser, no_network, found, tmp_path):
     for window in found:
         flow.add(window)
         page.add(window, flow.fitted(window.index))
-    page.save(tmp_path / "flow.html", flow)
+    (tmp_path / "flow.html").write_text(page.render(flow), encoding="utf-8")
     return Opened(
         browser, tmp_path / "flow.html", "document.body.dataset.shown === String(windows[shown].window)"
     ).show()
