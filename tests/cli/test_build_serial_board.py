@@ -82,22 +82,13 @@ def test_pads_of_the_tang_primer_20k():
     assert sites["clk27_0__io"] == "H11" and board.clock_hz == board.oscillator_hz == 9 * board.baud == 27_000_000
 
 
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        (["--bitstream"], "--bitstream and --baud are for a board without a processor: --top ulx3s"),
-        (["--top", "kv260", "--baud", "9600"], "--bitstream and --baud are for a board without a processor"),
-        (
-            ["--top", "ulx3s", "--baud", "22000000"],
-            "22000000 baud: a bit is 3.41 cycles of 75 MHz; 4 or more, and a who",
-        ),
-        (
-            ["--top", "ulx3s", "--baud", "16666666"],
-            "16666666 baud: a bit is 4.50 cycles of 75 MHz; 4 or more, and a who",
-        ),
-        (["--top", "ulx3s", "--bitstream", "--target", "80"], "--speed, --seeds and --target say how to --place"),
-    ],
-)
+@pytest.mark.parametrize("options, why", [
+    (["--bitstream"], "--bitstream and --baud are for a board without a processor: --top ulx3s"),
+    (["--top", "kv260", "--baud", "9600"], "--bitstream and --baud are for a board without a processor"),
+    (["--top", "ulx3s", "--baud", "22000000"], "22000000 baud: a bit is 3.41 cycles of 75 MHz; 4 or more, and a who"),
+    (["--top", "ulx3s", "--baud", "16666666"], "16666666 baud: a bit is 4.50 cycles of 75 MHz; 4 or more, and a who"),
+    (["--top", "ulx3s", "--bitstream", "--target", "80"], "--speed, --seeds and --target say how to --place"),
+])  # fmt: skip
 def test_what_it_cannot_be_made_with(command, options, why, tmp_path):
     done = command(build, *options, *TINY_SETS, "--out", tmp_path / "none")
     assert done.error.startswith(why) and not done.out and not (tmp_path / "none").exists()

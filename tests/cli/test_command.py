@@ -1,6 +1,7 @@
 """The command ``cmfpga``: every subcommand by its name, help, completion, mistakes."""
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from cmfpga import __version__, cli
 from cmfpga.cli import command
+from cmfpga.engines import usual_preset
 from cmfpga.errors import UserError
 
 ROOT = Path(__file__).parents[2]
@@ -51,8 +53,14 @@ def test_every_subcommand_helps_with_examples(name, command):
     here, there = command(tool, name, "--help"), command(module, "--help")
     assert here == there and here.status == 0
     assert here.out.startswith(f"usage: cmfpga {name} ")
+    assert command(module, "--version").out == f"cmfpga {__version__}\n"
     for example in module.EXAMPLES:
         assert example.startswith("cmfpga ") and f"  {example}\n" in here.out
+        words = shlex.split(example.rpartition("&& ")[2], comments=True)
+        options = tool.load(words[1]).parser().parse_args(words[2:])
+        if words[1] == "track":
+            options.preset = options.preset or usual_preset(cli.config_changes(options), engine="model")[0]
+            cli.make_config(options)
 
 
 def test_nothing_is_loaded_for_help():
@@ -107,13 +115,8 @@ def test_bash(script, tmp_path, words, expected):
         pytest.skip("no bash")
     (tmp_path / "rec.h5").touch()
     asked = 'COMP_WORDS=(cmfpga "$@"); COMP_CWORD=$#; _shtab_cmfpga; printf "%s\\n" "${COMPREPLY[@]}"'
-    done = subprocess.run(
-        [bash, "-c", f"source {script}; {asked}", "bash", *words],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )  # fmt: skip
+    asked = [bash, "-c", f"source {script}; {asked}", "bash", *words]
+    done = subprocess.run(asked, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.stdout.split() == expected, done.stderr
 
 

@@ -21,20 +21,17 @@ def anchors(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links(page):
-    for target in LINK.findall(page.read_text(encoding="utf-8")):
+def test_links_and_paths(page):
+    text = page.read_text(encoding="utf-8")
+    for path in PATH.findall(text):
+        assert (ROOT / path).exists(), f"{path}: no such file"
+    for target in LINK.findall(text):
         if target.startswith("https://"):
             continue
         path, _, anchor = target.partition("#")
         file = (page.parent / path).resolve() if path else page
         assert file.exists(), f"{target}: no such file"
         assert not anchor or anchor in anchors(file), f"{target}: no such heading"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_paths(page):
-    for path in PATH.findall(page.read_text(encoding="utf-8")):
-        assert (ROOT / path).exists(), f"{path}: no such file"
 
 
 def test_decisions_are_short_and_alike():

@@ -76,9 +76,8 @@ def add_config_options(made, usual=DEFAULT_PRESET, told=None):
     group = made.add_argument_group("configuration")
     names = f"one of: {', '.join(PRESETS)} (default: {told or usual})"
     group.add_argument("--preset", default=usual, metavar="P", help=names)
-    group.add_argument(
-        "--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help="set a field; repeatable"
-    )
+    text = "set a field; repeatable"
+    group.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help=text)
     text = "list all fields with their defaults and units"
     group.add_argument("--list-fields", nargs=0, action=_ListFields, help=text)
 

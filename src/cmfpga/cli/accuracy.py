@@ -37,10 +37,8 @@ def parser():
     text = "the tiles of cmfpga flow, not a track; --window-events or --window-us: its windows"
     group.add_argument("--flow", action="store_true", help=text)
     cli.add_tile_options(group)
-    made.add_argument(
-        "--out", default="cmfpga-accuracy", metavar="DIR",
-        help="folder for accuracy.csv, and for track.csv or flow.csv (default: %(default)s)",
-    )  # fmt: skip
+    text = "folder for accuracy.csv, and for track.csv or flow.csv (default: %(default)s)"
+    made.add_argument("--out", default="cmfpga-accuracy", metavar="DIR", help=text)
     made.add_argument("--json", action="store_true", help="print all of it as JSON")
     cli.add_config_options(made, None, f"{track.USUAL_PRESET}; with --flow flow")
     return made

@@ -99,15 +99,11 @@ def parser():
     tops = "; ".join(f"{board.name}: {board.top}" for board in BOARDS.values())
     made = cli.parser("cmfpga build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
-    made.add_argument(
-        "--top", choices=("core", *BOARDS), default="core",
-        help=f"core: {TOP}; {tops} too, with the board's ports, and its registers' documents (default: core)",
-    )  # fmt: skip
+    text = f"core: {TOP}; {tops} too, with the board's ports, and its registers' documents (default: core)"
+    made.add_argument("--top", choices=("core", *BOARDS), default="core", help=text)
     made.add_argument("--json", action="store_true", help="print the paths (and what is estimated) as JSON")
-    made.add_argument(
-        "--resources", nargs="?", const="core", choices=("core", "blocks"), metavar="blocks",
-        help="estimate LUTs, flip-flops, RAMs and DSPs by Yosys; 'blocks': of each block, too (minutes)",
-    )  # fmt: skip
+    text = "estimate LUTs, flip-flops, RAMs and DSPs by Yosys; 'blocks': of each block, too (minutes)"
+    made.add_argument("--resources", nargs="?", const="core", choices=("core", "blocks"), metavar="blocks", help=text)
     made.add_argument("--levels", action="store_true", help="count the LUTs in a row between registers, by Yosys")
     placed = made.add_argument_group("place and route by Yosys and nextpnr, of what --top says (minutes)")
     placed.add_argument("--place", choices=tuple(FAMILIES), metavar="DEVICE", help=", ".join(FAMILIES))

@@ -43,10 +43,8 @@ def _parser():
     purposes = "".join(f"  {name:<10} {purpose}\n" for name, purpose in COMMANDS.items())
     made.epilog = f"subcommands:\n{purposes}\n{made.epilog}"
     made.usage = "cmfpga [--help] [--version] [--print-completion SHELL] SUBCOMMAND …"
-    made.add_argument(
-        "--print-completion", choices=("bash", "zsh", "tcsh"), metavar="SHELL",
-        help="print a script by which bash, zsh or tcsh completes subcommands, options and files; needs shtab",
-    )  # fmt: skip
+    text = "print a script by which bash, zsh or tcsh completes subcommands, options and files; needs shtab"
+    made.add_argument("--print-completion", choices=("bash", "zsh", "tcsh"), metavar="SHELL", help=text)
     return made
 
 

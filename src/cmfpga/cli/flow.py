@@ -42,16 +42,12 @@ def parser():
     size = made.add_argument_group(text).add_mutually_exclusive_group()
     size.add_argument("--window-events", type=cli.positive, metavar="N", help="events of the whole sensor")
     size.add_argument("--window-us", type=cli.positive, metavar="D", help="duration, µs")
-    made.add_argument(
-        "--slices", type=cli.positive, metavar="S",
-        help="windows overlap: a new one with every S-th part of a window; with a length of windows (default: 1)",
-    )  # fmt: skip
+    text = "windows overlap: a new one with every S-th part of a window; with a length of windows (default: 1)"
+    made.add_argument("--slices", type=cli.positive, metavar="S", help=text)
     made.add_argument("--start-event", type=cli.natural, default=0, metavar="K", help="first event (default: 0)")
     made.add_argument("--windows", type=cli.positive, metavar="W", help="stop after W windows (default: at the end)")
-    made.add_argument(
-        "--fit", choices=MODELS,
-        help="fit one motion to the field of each window, and write fit.csv; a rotation needs a calibration",
-    )  # fmt: skip
+    text = "fit one motion to the field of each window, and write fit.csv; a rotation needs a calibration"
+    made.add_argument("--fit", choices=MODELS, help=text)
     made.add_argument(
         "--engine", default=ENGINE, choices=(*ENGINES, AXI),
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as a board has it; "

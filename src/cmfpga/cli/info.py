@@ -42,16 +42,12 @@ def parser():
     """Parser of the arguments of ``cmfpga info``."""
     made = cli.parser("cmfpga info", "Say what a recording holds, and propose an ROI and batches for it.", EXAMPLES)
     cli.files(made.add_argument("recording", metavar="RECORDING", help="a file of any known format"))
-    made.add_argument(
-        "--start-event", type=cli.natural, metavar="K",
-        help="propose for event K on (default: for the begin, or else the first place where something moves clearly)",
-    )  # fmt: skip
+    text = "propose for event K on (default: for the begin, or else the first place where something moves clearly)"
+    made.add_argument("--start-event", type=cli.natural, metavar="K", help=text)
     made.add_argument("--objects", type=cli.few, default=1, metavar="N", help="propose up to N ROIs (default: 1)")
     made.add_argument("--no-proposal", action="store_true", help="only say what the recording holds")
-    made.add_argument(
-        "--check", type=cli.positive, metavar="B",
-        help="track B batches of each proposal by the integer model (needs torch), and say how far the image moved",
-    )  # fmt: skip
+    text = "track B batches of each proposal by the integer model (needs torch), and say how far the image moved"
+    made.add_argument("--check", type=cli.positive, metavar="B", help=text)
     made.add_argument("--no-frame", action="store_true", help="do not show the events in the terminal")
     cli.files(made.add_argument("--png", metavar="FILE", help="write a picture of the events and the ROIs to FILE"))
     cli.add_recording_options(made)

@@ -23,10 +23,8 @@ def add_ingest_options(made):
         help="drop the events of these pixels: those that a reading of the recording finds (the default of files; a "
         "stream has none), or these, or those of a file, X,Y in each line; none: of no pixel",
     )  # fmt: skip
-    group.add_argument(
-        "--background-us", type=cli.natural, metavar="D",
-        help="drop events without one of another pixel of their cell (2^background_cell px wide) in the D µs before",
-    )  # fmt: skip
+    text = "drop events without one of another pixel of their cell (2^background_cell px wide) in the D µs before"
+    group.add_argument("--background-us", type=cli.natural, metavar="D", help=text)
 
 
 def ingest_fields(options, recording):

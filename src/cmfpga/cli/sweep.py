@@ -27,10 +27,8 @@ def parser():
         "recordings", nargs="+", metavar="RECORDING[@X,Y]",
         help="a recording, and its ROI's left column and top row, px; one with several ROIs is several objects",
     )  # fmt: skip
-    made.add_argument(
-        "--vary", nargs="+", action="extend", default=[], metavar="FIELD=A,B,…",
-        help="values of a field, or of preset; with several fields all combinations",
-    )  # fmt: skip
+    text = "values of a field, or of preset; with several fields all combinations"
+    made.add_argument("--vary", nargs="+", action="extend", default=[], metavar="FIELD=A,B,…", help=text)
     text = "ROI of the recordings that have none behind an @"
     made.add_argument("--roi", type=cli.pair("X,Y"), metavar="X,Y", help=text)
     cli.add_batch_options(made, "as long as suits the motion")
@@ -39,10 +37,8 @@ def parser():
     made.add_argument("--engine", default="rtl", choices=ENGINES, help="as of track (default: rtl)")
     cli.add_recording_options(made)
     where = made.add_mutually_exclusive_group()
-    where.add_argument(
-        "--workers", type=cli.natural, metavar="W",
-        help="processes of a local Dask cluster; 0: a thread of this one (default: one per processor)",
-    )  # fmt: skip
+    text = "processes of a local Dask cluster; 0: a thread of this one (default: one per processor)"
+    where.add_argument("--workers", type=cli.natural, metavar="W", help=text)
     text = "use the workers of this Dask scheduler, as tcp://head:8786"
     where.add_argument("--scheduler", metavar="ADDRESS", help=text)
     text = "estimate each hardware's resources by Yosys (minutes each)"

@@ -61,9 +61,8 @@ def parser():
     """Parser of the arguments of ``cmfpga track``."""
     made = cli.parser("cmfpga track", "Follow an object through a recording of events.", EXAMPLES)
     add_tracking_options(made)
-    made.add_argument(
-        "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
-    )
+    text = "folder for the files (default: %(default)s)"
+    made.add_argument("--out", default="cmfpga-track", metavar="DIR", help=text)
     pictures = made.add_mutually_exclusive_group()
     pictures.add_argument("--no-picture", action="store_true", help="write track.csv only")
     cli.files(pictures.add_argument(
@@ -146,7 +145,7 @@ def run(options, known=None):
         cli.note(note)
     with contextlib.ExitStack() as stack:
         if options.recording is not None and is_live(options.recording):
-            stack.enter_context(_terminated())
+            stack.enter_context(_handled(signal.default_int_handler, signal.SIGTERM))  # as Ctrl-C
             preload(options.engine)
         truth, recording = _open(options)
         stack.enter_context(recording)
@@ -196,30 +195,26 @@ def run(options, known=None):
 
 
 @contextlib.contextmanager
-def _terminated():
-    """SIGTERM ends a stream as Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextlib.contextmanager
-def _stopped(recording):
-    """Ctrl-C or SIGTERM ends a stream after what was taken of it; a second one at once."""
-
-    def stop(*_):
-        for number in before:
-            signal.signal(number, signal.default_int_handler)
-        recording.stop()
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+def _handled(handler, *signals):
+    """Meanwhile ``handler`` is called of these signals."""
+    before = {number: signal.signal(number, handler) for number in signals}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _stopped(recording):
+    """Ctrl-C or SIGTERM ends a stream after what was taken of it; a second one at once."""
+
+    def stop(*_):
+        for number in both:
+            signal.signal(number, signal.default_int_handler)
+        recording.stop()
+
+    both = signal.SIGINT, signal.SIGTERM
+    return _handled(stop, *both)
 
 
 def _open(options):

@@ -20,10 +20,8 @@ def add_truth_options(made, usual=""):
         "IMU), or t px py pz qx qy qz qw (poses), or with names and units in its first line; or a recording of cmfpga "
         "generate; or, of tiles of flow, a flow field: a folder of DSEC, .npz of MVSEC, HDF5" + usual,
     ))  # fmt: skip
-    group.add_argument(
-        "--truth-unit", choices=("s", "ms", "us", "ns"),
-        help="unit of its times (default: what it says; else s, if one has a fraction, and µs if none has)",
-    )  # fmt: skip
+    text = "unit of its times (default: what it says; else s, if one has a fraction, and µs if none has)"
+    group.add_argument("--truth-unit", choices=("s", "ms", "us", "ns"), help=text)
     group.add_argument(
         "--delay", type=_delay, default="auto", metavar="S|auto",
         help="what happens at t of the recording stands at t + S of the truth, s; auto: fitted, within "

@@ -4,13 +4,13 @@
 const $ = (id) => document.getElementById(id);
 const head = JSON.parse($("head").textContent);
 const root = document.documentElement, dark = matchMedia("(prefers-color-scheme: dark)");
-let page, chosen; // what `begin` was given; the theme
+let page, preferred; // what `begin` was given; the theme
 let shown = 0; // which one
 let playing = null;
 let drawing = false;
 
 /* Dark or light: as chosen, or else as the system is. */
-function theme(now = chosen ?? (dark.matches ? "dark" : "light")) {
+function theme(now = preferred ?? (dark.matches ? "dark" : "light")) {
   root.dataset.theme = now;
   page?.drawAll();
 }
@@ -53,7 +53,7 @@ function listen() {
     event.preventDefault();
     go(shown + step);
   });
-  $("theme").addEventListener("click", () => theme(chosen = root.dataset.theme === "dark" ? "light" : "dark"));
+  $("theme").addEventListener("click", () => theme(preferred = root.dataset.theme === "dark" ? "light" : "dark"));
   dark.addEventListener("change", () => theme());
   window.addEventListener("beforeprint", () => theme("light")); // paper is white
   window.addEventListener("afterprint", () => theme());

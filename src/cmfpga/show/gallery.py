@@ -50,7 +50,6 @@ class _Frame:
     v in px/s with its covariance, None where it is not sure.
     """
 
-    noun: str
     index: int
     t_ref: float
     roi: tuple
@@ -66,10 +65,6 @@ class _Frame:
         for there, colour in zip(events, _COLOURS.values(), strict=True):
             image[there] = colour
         return image
-
-    @property
-    def title(self):
-        return f"{self.noun} {self.index}, {self.t_ref / 1e6:.3f} s"
 
 
 class Gallery:
@@ -114,8 +109,7 @@ class Gallery:
         if spread is not None:
             xx, yy, xy = spread
             spread = np.array([[xx, xy], [xy, yy]]) / batch.half_s**2
-        drawn = np.packbits(events, axis=2), moved, v, spread
-        return _Frame(self.config.noun, batch.index, batch.t_ref, batch.roi, *drawn)
+        return _Frame(batch.index, batch.t_ref, batch.roi, np.packbits(events, axis=2), moved, v, spread)
 
     def _image(self, batch, v):
         """Image of warped events of the ROI at v."""
@@ -223,7 +217,8 @@ class Gallery:
         axis.add_patch(_box(frame.roi, self.config.roi_px))
         if frame.v is not None and self._arrow_s:
             self._draw_v(axis, frame, np.add(frame.roi, centre))
-        axis.set(title=frame.title, xlabel=f"x{self._where} [px]", ylabel=f"y{self._where} [px]")
+        title = f"{self.config.noun} {frame.index}, {frame.t_ref / 1e6:.3f} s"
+        axis.set(title=title, xlabel=f"x{self._where} [px]", ylabel=f"y{self._where} [px]")
 
     def _draw_images(self, figure, index, v, still, moved):
         axes = figure.subplots(1, 2, sharex=True, sharey=True)
