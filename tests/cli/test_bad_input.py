@@ -53,11 +53,7 @@ def wide(path, x):
 RECORDINGS = [
     # name, how it is made, message; what else the readers refuse is in tests/events
     ("missing.h5", None, r"no such file"),
-    (
-        "bytes.blob",
-        lambda path: path.write_bytes(bytes(range(256))),
-        r"format not known; one of .* for what has no header",
-    ),
+    ("bytes.blob", lambda path: path.write_bytes(bytes(range(256))), r"format not known; one of .* what has no header"),
     ("header.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n"), r"not a readable HDF5 file .+"),
     ("cut.txt", lambda path: lines(path, _200="0.02 3"), r", line 200: 2 fields in '0\.02 3'; 4 are needed .*"),
     ("html.txt", lambda path: path.write_text("<!DOCTYPE html>\n<p>Not Found</p>\n"), r", line 1: 2 fields in .*"),
@@ -72,9 +68,8 @@ def test_recordings(refused, tmp_path, name, make, message):
     path = tmp_path / name
     if make:
         make(path)
-    error = refused(
-        path, *DOT, "--sensor", "32,24", "--batch-events", "90", "--time-unit", "us" if name[-1] in "zy" else "s"
-    )
+    unit = "us" if name[-1] in "zy" else "s"
+    error = refused(path, *DOT, "--sensor", "32,24", "--batch-events", "90", "--time-unit", unit)
     assert error.startswith(str(path).replace("\n", " ")) and re.search(message + "$", error), error
 
 
@@ -91,9 +86,8 @@ def test_truncated_originals(command, rows, data_dir, tmp_path, name, share):
     content = (data_dir / "original_formats" / name).read_bytes()
     path = tmp_path / name
     path.write_bytes(content[: int(share * len(content)) // 4 * 4 + 1])
-    done = command(
-        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "cold=0:1:1", "--out", tmp_path
-    )
+    options = ["--roi", "100,100", *MODEL, "--batch-events", 1000, "--set", "cold=0:1:1"]
+    done = command(track, path, *options, "--out", tmp_path)
     assert done.error.startswith(f"{path}: ") and "truncated" in done.error
     assert len(rows(tmp_path)) >= 2
 
@@ -141,6 +135,7 @@ OPTIONS = [
     (["--roi", "-1,5"], "ROI at -1,5: 0,0 to 24,16 is needed for 8×8 px on a sensor of 32×24 px"),
     (["--roi=--"], "argument --roi: '--' is no value" + HINT),
     (["--roi"], "argument --roi: expected one argument" + HINT),
+    ([], "--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto"),
     *(([option, value], f"argument {option}: '{value}': {WHOLE}") for option, value in
       (("--batches", "0"), ("--batches", "-1"), ("--batches", "1.5"), ("--batch-events", "0"),
        ("--batch-events", "1e3"), ("--batch-us", ""), ("--batch-roi-events", "all"))),
@@ -185,15 +180,10 @@ OPTIONS = [
 
 @pytest.mark.parametrize("arguments, message", OPTIONS, ids=[" ".join(row[0])[:40] for row in OPTIONS])
 def test_options(refused, dot, arguments, message):
-    error = refused(dot, *([] if arguments and arguments[0].startswith("--roi") else DOT), *arguments)
+    error = refused(dot, *([] if not arguments or arguments[0].startswith("--roi") else DOT), *arguments)
     assert error.startswith(message.replace("DOT", str(dot))), error
     fields = ", ".join(Config().to_dict())  # grow with the hardware
     assert len(error.replace(fields, "")) < (100 if fields in error else 700)
-
-
-def test_a_recording_needs_an_roi(refused, dot):
-    expected = "--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto"
-    assert refused(dot) == expected
 
 
 def test_what_is_said_of_a_recording_that_is_not_there(command, tmp_path):
@@ -273,14 +263,11 @@ def test_an_architecture_that_cannot_work(command, tmp_path):
 
 
 def test_in_a_process_of_its_own(process, dot, tmp_path):
-    assert (
-        process("build", "--set", "roi_gain=-1", PYTHONIOENCODING="ascii").error
-        == "roi_gain = -1.0: 0.0 or more is needed"
-    )
+    done = process("build", "--set", "roi_gain=-1", PYTHONIOENCODING="ascii")
+    assert done.error == "roi_gain = -1.0: 0.0 or more is needed"
     # Signs that the terminal has not are spelled out.
-    done = process(
-        "track", dot, "--roi", "100,9", "--set", "roi_width=8", "--set", "roi_height=8", PYTHONIOENCODING="ascii"
-    )
+    size = ["--set", "roi_width=8", "--set", "roi_height=8"]
+    done = process("track", dot, "--roi", "100,9", *size, PYTHONIOENCODING="ascii")
     assert done.error == r"ROI at 100,9: 0,0 to 24,16 is needed for 8\xd78 px on a sensor of 32\xd724 px"
 
 

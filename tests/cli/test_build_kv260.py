@@ -37,8 +37,7 @@ def made(request, command, long_tools, tmp_path_factory):
 
 def test_the_core_beside_it_is_the_same(made, command, tmp_path):
     folder, info = made
-    preset = preset_of(info)
-    assert command(build, "--preset", preset, *TINY_SETS, "--out", tmp_path).status == 0
+    assert command(build, "--preset", preset_of(info), *TINY_SETS, "--out", tmp_path).status == 0
     for path in tmp_path.iterdir():
         assert path.read_bytes() == (folder / path.name).read_bytes()
 
@@ -52,10 +51,8 @@ def test_the_same_bytes_again(made, command, tmp_path):
     changed = config.replace(min_roi_events=3, start="zero", roi_gain=1.0)
     again = next(p for p in build.build_top(changed, KV260, tmp_path) if p.suffix == ".v")
     assert again.read_text() == text
-    registers = register_map(config)
-    assert {name: entry["offset"] for name, entry in info["registers"].items()} == {
-        register.name: register.offset for register in registers
-    }
+    offsets = {register.name: register.offset for register in register_map(config)}
+    assert {name: entry["offset"] for name, entry in info["registers"].items()} == offsets
 
 
 def test_another_board_has_another_name(made, command, tmp_path, monkeypatch):
@@ -63,13 +60,11 @@ def test_another_board_has_another_name(made, command, tmp_path, monkeypatch):
     folder, info = made
     other = dataclasses.replace(KV260, name="other", top="cmfpga_other")
     monkeypatch.setitem(BOARDS, other.name, other)
-    preset = preset_of(info)
-    assert command(build, "--preset", preset, "--top", "other", *TINY_SETS, "--out", tmp_path).status == 0
+    options = ["--preset", preset_of(info), "--top", "other", *TINY_SETS]
+    assert command(build, *options, "--out", tmp_path).status == 0
     assert json.loads((tmp_path / "other-info.json").read_text())["top"] == "cmfpga_other"
-    text = (tmp_path / "cmfpga_other.v").read_text()
-    assert sorted(text.replace("cmfpga_other", KV260.top).split()) == sorted(
-        (folder / f"{KV260.top}.v").read_text().split()
-    )
+    text, own = (tmp_path / "cmfpga_other.v").read_text(), (folder / f"{KV260.top}.v").read_text()
+    assert sorted(text.replace("cmfpga_other", KV260.top).split()) == sorted(own.split())
 
 
 def test_ports_and_their_attributes(made):
