@@ -154,24 +154,20 @@ def _measure(options, recording, config, tiles, folder, accuracy=None):
     if best is None:
         raise run.cutter.too_few()
     with waiting("Writing the files"):
-        _save(options, found, folder, files, best, accuracy, page)
+        files.append(folder / ARRAYS)
+        found.save(files[-1])
+        if accuracy:
+            accuracy.finish()
+            files.append(folder / "accuracy.csv")
+            accuracy.save(files[-1])
+        for path in options.export:
+            found.export(path)
+            files.append(path)
+        if not options.no_picture:
+            files += [options.picture or folder / PICTURE, folder / PAGE]
+            save(best, files[-2], _title(best, found))
+            write_text(files[-1], page.render(found))
     return found, files, errors
-
-
-def _save(options, found, folder, files, best, accuracy, page):
-    files.append(folder / ARRAYS)
-    found.save(files[-1])
-    if accuracy:
-        accuracy.finish()
-        files.append(folder / "accuracy.csv")
-        accuracy.save(files[-1])
-    for path in options.export:
-        found.export(path)
-        files.append(path)
-    if not options.no_picture:
-        files += [options.picture or folder / PICTURE, folder / PAGE]
-        save(best, files[-2], _title(best, found))
-        write_text(files[-1], page.render(found))
 
 
 def _title(window, found):
