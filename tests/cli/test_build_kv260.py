@@ -2,6 +2,9 @@
 
 import dataclasses
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,9 @@ from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import BY_PEAKRDL
 from cmfpga.verilog.emit import sha256
 from support.building import TINY_SETS, check_lint
+from support.designs import SHELL_SIZES
+from support.small_core import sets
+from support.verilog_tools import require_icarus
 from support.vivado.interfaces import infer, ports
 
 KV260 = BOARDS["kv260"]
@@ -98,3 +104,27 @@ def test_what_it_cannot_be_made_with(command, tmp_path):
     done = command(build, "--top", "kv260", "--set", "time_bits=34", "--out", tmp_path / "none")
     assert done.error.startswith("time_bits = 34: at most 32 is allowed") and not done.out
     assert not (tmp_path / "none").exists()
+
+
+def test_the_bench_plays_the_batch(command, long_tools, tmp_path):
+    """The cocotb bench that is written, in Icarus Verilog."""
+    pytest.importorskip("cocotb", reason="cocotb is not installed (pip install cocotb)")
+    require_icarus()
+    small = sets({**SHELL_SIZES, "max_batch_events": 150})
+    assert command(build, *small, "--top", "kv260", "--out", tmp_path).status == 0
+    file = tmp_path / "cmfpga_kv260_batch.json"
+    kept = json.loads(file.read_text())
+
+    def play():
+        run = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_cmfpga_kv260.py"]
+        done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, env={**os.environ, "SIM": "icarus"})
+        return done.returncode, done.stdout + done.stderr
+
+    status, said = play()
+    assert status == 0 and "1 passed" in said, said
+    assert len(kept["expected"]) == 1 and len(kept["expected"][0]) > 20
+    mask, word = kept["expected"][-1]["4"]  # RESULT_V_X
+    kept["expected"][-1]["4"] = mask, word ^ 1
+    file.write_text(json.dumps(kept))
+    status, said = play()
+    assert status == 1 and "'4': (" in said, said
