@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cmfpga import __version__, cli
-from cmfpga.cli import command
+from cmfpga.cli import command as tool
 from cmfpga.engines import usual_preset
 from cmfpga.errors import UserError
 
@@ -33,9 +33,9 @@ def run(*arguments, **environment):
 def test_help_names_every_subcommand_and_its_purpose():
     done = run("--help")
     assert done.returncode == 0 and done.stderr == ""
-    for name, purpose in command.COMMANDS.items():
+    for name, purpose in tool.COMMANDS.items():
         assert f"  {name:<10} {purpose}\n" in done.stdout
-    for example in command.EXAMPLES:
+    for example in tool.EXAMPLES:
         assert example in done.stdout
 
 
@@ -45,10 +45,8 @@ def test_without_arguments_it_helps_and_fails():
     assert run("--version").stdout == f"cmfpga {__version__}\n"
 
 
-@pytest.mark.parametrize("name", command.COMMANDS)
+@pytest.mark.parametrize("name", tool.COMMANDS)
 def test_every_subcommand_helps_with_examples(name, command):
-    from cmfpga.cli import command as tool
-
     module = tool.load(name)
     here, there = command(tool, name, "--help"), command(module, "--help")
     assert here == there and here.status == 0
@@ -87,8 +85,6 @@ def test_nothing_is_loaded_for_help():
     (["track", "--sensor", "8"], "argument --sensor: '8': W,H, two whole numbers, is needed"),
 ])  # fmt: skip
 def test_mistakes(command, arguments, message):
-    from cmfpga.cli import command as tool
-
     done = command(tool, *arguments)
     assert done.error.startswith(message) and done.out == ""
 
@@ -124,8 +120,6 @@ def test_bash(script, tmp_path, words, expected):
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
 def test_every_shell_knows_every_subcommand(command, shell):
-    from cmfpga.cli import command as tool
-
     pytest.importorskip("shtab")
     done = command(tool, "--print-completion", shell)
     assert (done.status, done.err) == (0, "")
@@ -136,7 +130,7 @@ def test_every_shell_knows_every_subcommand(command, shell):
 def test_shtab_is_asked_for(monkeypatch):
     monkeypatch.setitem(sys.modules, "shtab", None)
     with pytest.raises(UserError, match=r"pip install 'cmfpga\[completion\]'"):
-        command.main(["--print-completion", "bash"])
+        tool.main(["--print-completion", "bash"])
 
 
 # -------------------------------------------------------------------- what the parsers share
@@ -158,4 +152,4 @@ def test_values_that_begin_with_a_minus():
 def test_every_subcommand_is_documented():
     text = (ROOT / "docs" / "command.md").read_text(encoding="utf-8")
     rows = [line.split("`")[1] for line in text.splitlines() if line.startswith("| `cmfpga ")]
-    assert sorted(rows) == sorted(f"cmfpga {name}" for name in command.COMMANDS)
+    assert sorted(rows) == sorted(f"cmfpga {name}" for name in tool.COMMANDS)

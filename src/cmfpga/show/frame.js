@@ -3,8 +3,7 @@
 
 const $ = (id) => document.getElementById(id);
 const head = JSON.parse($("head").textContent);
-const root = document.documentElement, dark = matchMedia("(prefers-color-scheme: dark)");
-let page, preferred; // what `begin` was given; the theme
+let page, preferred; // what `begin` was given; the theme (`root` and `dark` are the page's)
 let shown = 0; // which one
 let playing = null;
 let drawing = false;
@@ -12,10 +11,8 @@ let drawing = false;
 /* Dark or light: as chosen, or else as the system is. */
 function theme(now = preferred ?? (dark.matches ? "dark" : "light")) {
   root.dataset.theme = now;
-  page?.drawAll();
+  page.drawAll();
 }
-
-theme();
 
 /* Draw once per picture of the screen, however fast the slider moves. */
 function go(index) {
