@@ -57,7 +57,7 @@ def wide(path, x):
 RECORDINGS = [
     # name, how it is made, message; what else the readers refuse is in tests/events
     ("missing.h5", None, r"no such file"),
-    ("bytes.blob", lambda path: path.write_bytes(bytes(range(256))), r"format not known; one of .* what has no header"),
+    ("a.blob", lambda path: path.write_bytes(bytes(range(256))), r"format not known; one of .* for what has no header"),
     ("header.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n"), r"not a readable HDF5 file .+"),
     ("cut.txt", lambda path: lines(path, _200="0.02 3"), r", line 200: 2 fields in '0\.02 3'; 4 are needed .*"),
     ("html.txt", lambda path: path.write_text("<!DOCTYPE html>\n<p>Not Found</p>\n"), r", line 1: 2 fields in .*"),
