@@ -1,13 +1,17 @@
-"""What a person can get wrong: one clear line, exit status 2, never a traceback."""
+"""What a person can get wrong, a full disk, an interruption: one clear line, exit status 2, never a traceback."""
 
 import argparse
 import io
 import os
 import re
 import stat
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -53,11 +57,7 @@ def wide(path, x):
 RECORDINGS = [
     # name, how it is made, message; what else the readers refuse is in tests/events
     ("missing.h5", None, r"no such file"),
-    (
-        "bytes.blob",
-        lambda path: path.write_bytes(bytes(range(256))),
-        r"format not known; one of .* for what has no header",
-    ),
+    ("a.blob", lambda path: path.write_bytes(bytes(range(256))), r"format not known; one of .* for what has no header"),
     ("header.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n"), r"not a readable HDF5 file .+"),
     ("cut.txt", lambda path: lines(path, _200="0.02 3"), r", line 200: 2 fields in '0\.02 3'; 4 are needed .*"),
     ("html.txt", lambda path: path.write_text("<!DOCTYPE html>\n<p>Not Found</p>\n"), r", line 1: 2 fields in .*"),
@@ -72,9 +72,8 @@ def test_recordings(refused, tmp_path, name, make, message):
     path = tmp_path / name
     if make:
         make(path)
-    error = refused(
-        path, *DOT, "--sensor", "32,24", "--batch-events", "90", "--time-unit", "us" if name[-1] in "zy" else "s"
-    )
+    unit = "us" if name[-1] in "zy" else "s"
+    error = refused(path, *DOT, "--sensor", "32,24", "--batch-events", "90", "--time-unit", unit)
     assert error.startswith(str(path).replace("\n", " ")) and re.search(message + "$", error), error
 
 
@@ -91,9 +90,8 @@ def test_truncated_originals(command, rows, data_dir, tmp_path, name, share):
     content = (data_dir / "original_formats" / name).read_bytes()
     path = tmp_path / name
     path.write_bytes(content[: int(share * len(content)) // 4 * 4 + 1])
-    done = command(
-        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "cold=0:1:1", "--out", tmp_path
-    )
+    options = ["--roi", "100,100", *MODEL, "--batch-events", 1000, "--set", "cold=0:1:1"]
+    done = command(track, path, *options, "--out", tmp_path)
     assert done.error.startswith(f"{path}: ") and "truncated" in done.error
     assert len(rows(tmp_path)) >= 2
 
@@ -141,6 +139,7 @@ OPTIONS = [
     (["--roi", "-1,5"], "ROI at -1,5: 0,0 to 24,16 is needed for 8×8 px on a sensor of 32×24 px"),
     (["--roi=--"], "argument --roi: '--' is no value" + HINT),
     (["--roi"], "argument --roi: expected one argument" + HINT),
+    ([], "--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto"),
     *(([option, value], f"argument {option}: '{value}': {WHOLE}") for option, value in
       (("--batches", "0"), ("--batches", "-1"), ("--batches", "1.5"), ("--batch-events", "0"),
        ("--batch-events", "1e3"), ("--batch-us", ""), ("--batch-roi-events", "all"))),
@@ -185,15 +184,10 @@ OPTIONS = [
 
 @pytest.mark.parametrize("arguments, message", OPTIONS, ids=[" ".join(row[0])[:40] for row in OPTIONS])
 def test_options(refused, dot, arguments, message):
-    error = refused(dot, *([] if arguments and arguments[0].startswith("--roi") else DOT), *arguments)
+    error = refused(dot, *([] if not arguments or arguments[0].startswith("--roi") else DOT), *arguments)
     assert error.startswith(message.replace("DOT", str(dot))), error
     fields = ", ".join(Config().to_dict())  # grow with the hardware
     assert len(error.replace(fields, "")) < (100 if fields in error else 700)
-
-
-def test_a_recording_needs_an_roi(refused, dot):
-    expected = "--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto"
-    assert refused(dot) == expected
 
 
 def test_what_is_said_of_a_recording_that_is_not_there(command, tmp_path):
@@ -273,14 +267,11 @@ def test_an_architecture_that_cannot_work(command, tmp_path):
 
 
 def test_in_a_process_of_its_own(process, dot, tmp_path):
-    assert (
-        process("build", "--set", "roi_gain=-1", PYTHONIOENCODING="ascii").error
-        == "roi_gain = -1.0: 0.0 or more is needed"
-    )
+    done = process("build", "--set", "roi_gain=-1", PYTHONIOENCODING="ascii")
+    assert done.error == "roi_gain = -1.0: 0.0 or more is needed"
     # Signs that the terminal has not are spelled out.
-    done = process(
-        "track", dot, "--roi", "100,9", "--set", "roi_width=8", "--set", "roi_height=8", PYTHONIOENCODING="ascii"
-    )
+    size = ["--set", "roi_width=8", "--set", "roi_height=8"]
+    done = process("track", dot, "--roi", "100,9", *size, PYTHONIOENCODING="ascii")
     assert done.error == r"ROI at 100,9: 0,0 to 24,16 is needed for 8\xd78 px on a sensor of 32\xd724 px"
 
 
@@ -300,6 +291,48 @@ def test_how_a_command_ends(monkeypatch, capsys):
     stderr = io.StringIO()
     monkeypatch.setattr("sys.stderr", stderr)
     assert cli.run(raising(BrokenPipeError())) == 1 and stderr.closed
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("name, options", [
+    ("track.csv", ["--no-picture"]), ("track.png", []), ("track.npz", ["--report"]), ("report.html", ["--report"]),
+])  # fmt: skip
+def test_a_full_disk(command, dot, small, tmp_path, name, options):
+    (tmp_path / name).symlink_to("/dev/full")
+    done = command(track, dot, *DOT, "--engine", "model", *BATCHES, *small, *options, "--out", tmp_path)
+    assert done.error == f"{tmp_path / name}: No space left on device"
+
+
+def test_two_tracks_into_one_folder(command, dot, small, tmp_path):
+    options = (track, dot, *DOT, *MODEL, *BATCHES, *small, "--out", tmp_path)
+    with FileLock(tmp_path / ".lock"):
+        assert command(*options).error.startswith(f"--out {tmp_path}: another command is writing there")
+    assert command(*options).status == 0 and [path.name for path in tmp_path.iterdir()] == ["track.csv"]
+
+
+def test_interrupted_while_a_block_is_elaborated(tmp_path):
+    """No warnings of Amaranth about blocks that were made and not used."""
+    code = (
+        "import sys; from cmfpga import cli; from cmfpga.cli import build\n"
+        "from cmfpga.rtl.image.voter import BilinearVoter\n"
+        "def interrupt(*_): raise KeyboardInterrupt\n"
+        "BilinearVoter.elaborate = interrupt; sys.exit(cli.run(build.main, ['--out', sys.argv[1]]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
+def test_interrupted_in_a_destructor():
+    """Python ignores what is raised there."""
+    code = (
+        "import signal, sys, time; from cmfpga import cli\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # in the background it is ignored
+        "class Held:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
+        "def main(_): Held(); time.sleep(60)\n"
+        "sys.exit(cli.run(main))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 def test_parsers_of_options():

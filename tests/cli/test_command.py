@@ -1,6 +1,7 @@
 """The command ``cmfpga``: every subcommand by its name, help, completion, mistakes."""
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -10,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from cmfpga import __version__, cli
-from cmfpga.cli import command
+from cmfpga.cli import command as tool
+from cmfpga.engines import usual_preset
 from cmfpga.errors import UserError
 
 ROOT = Path(__file__).parents[2]
@@ -31,9 +33,9 @@ def run(*arguments, **environment):
 def test_help_names_every_subcommand_and_its_purpose():
     done = run("--help")
     assert done.returncode == 0 and done.stderr == ""
-    for name, purpose in command.COMMANDS.items():
+    for name, purpose in tool.COMMANDS.items():
         assert f"  {name:<10} {purpose}\n" in done.stdout
-    for example in command.EXAMPLES:
+    for example in tool.EXAMPLES:
         assert example in done.stdout
 
 
@@ -43,16 +45,22 @@ def test_without_arguments_it_helps_and_fails():
     assert run("--version").stdout == f"cmfpga {__version__}\n"
 
 
-@pytest.mark.parametrize("name", command.COMMANDS)
+@pytest.mark.parametrize("name", tool.COMMANDS)
 def test_every_subcommand_helps_with_examples(name, command):
-    from cmfpga.cli import command as tool
-
     module = tool.load(name)
     here, there = command(tool, name, "--help"), command(module, "--help")
     assert here == there and here.status == 0
     assert here.out.startswith(f"usage: cmfpga {name} ")
+    assert command(module, "--version").out == f"cmfpga {__version__}\n"
     for example in module.EXAMPLES:
         assert example.startswith("cmfpga ") and f"  {example}\n" in here.out
+        words = shlex.split(example.rpartition("&& ")[2], comments=True)
+        if "--list-fields" in words:
+            continue  # which ends with the list
+        options = tool.load(words[1]).parser().parse_args(words[2:])
+        if words[1] == "track":
+            options.preset = options.preset or usual_preset(cli.config_changes(options), engine="model")[0]
+            cli.make_config(options)
 
 
 def test_nothing_is_loaded_for_help():
@@ -77,8 +85,6 @@ def test_nothing_is_loaded_for_help():
     (["track", "--sensor", "8"], "argument --sensor: '8': W,H, two whole numbers, is needed"),
 ])  # fmt: skip
 def test_mistakes(command, arguments, message):
-    from cmfpga.cli import command as tool
-
     done = command(tool, *arguments)
     assert done.error.startswith(message) and done.out == ""
 
@@ -107,20 +113,13 @@ def test_bash(script, tmp_path, words, expected):
         pytest.skip("no bash")
     (tmp_path / "rec.h5").touch()
     asked = 'COMP_WORDS=(cmfpga "$@"); COMP_CWORD=$#; _shtab_cmfpga; printf "%s\\n" "${COMPREPLY[@]}"'
-    done = subprocess.run(
-        [bash, "-c", f"source {script}; {asked}", "bash", *words],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )  # fmt: skip
+    asked = [bash, "-c", f"source {script}; {asked}", "bash", *words]
+    done = subprocess.run(asked, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.stdout.split() == expected, done.stderr
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
 def test_every_shell_knows_every_subcommand(command, shell):
-    from cmfpga.cli import command as tool
-
     pytest.importorskip("shtab")
     done = command(tool, "--print-completion", shell)
     assert (done.status, done.err) == (0, "")
@@ -131,7 +130,7 @@ def test_every_shell_knows_every_subcommand(command, shell):
 def test_shtab_is_asked_for(monkeypatch):
     monkeypatch.setitem(sys.modules, "shtab", None)
     with pytest.raises(UserError, match=r"pip install 'cmfpga\[completion\]'"):
-        command.main(["--print-completion", "bash"])
+        tool.main(["--print-completion", "bash"])
 
 
 # -------------------------------------------------------------------- what the parsers share
@@ -153,4 +152,4 @@ def test_values_that_begin_with_a_minus():
 def test_every_subcommand_is_documented():
     text = (ROOT / "docs" / "command.md").read_text(encoding="utf-8")
     rows = [line.split("`")[1] for line in text.splitlines() if line.startswith("| `cmfpga ")]
-    assert sorted(rows) == sorted(f"cmfpga {name}" for name in command.COMMANDS)
+    assert sorted(rows) == sorted(f"cmfpga {name}" for name in tool.COMMANDS)

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cmfpga.cli import generate, track
+from cmfpga.cli import generate
 from cmfpga.events import Events, open_recording
 from cmfpga.events import generate as make_scene
 
@@ -92,16 +92,6 @@ def test_there_and_back_again(command, tmp_path):
     with h5py.File(path) as file:
         assert file["ground_truth/motion/t"][:].tolist() == [0, 50_000, 100_001, 150_001, 200_002, 250_002]
         assert file["ground_truth/motion/velocity"][:, 0].tolist() == [60.0, -60.0] * 3
-
-
-def test_it_can_be_tracked(command, rows, tmp_path):
-    command(generate, tmp_path / "a.h5", "--velocity", "90,0", "--seed", 1)
-    done = command(
-        track, tmp_path / "a.h5", "--roi", "88,58", "--preset", "fast", "--engine", "model", "--batch-us", 60_000,
-        "--batches", 3, "--no-picture", "--out", tmp_path,
-    )  # fmt: skip
-    assert done.status == 0
-    np.testing.assert_allclose([float(row["vx_px_per_s"]) for row in rows(tmp_path)], 90, atol=15)
 
 
 @pytest.mark.parametrize("arguments, message", [

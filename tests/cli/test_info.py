@@ -16,6 +16,7 @@ from cmfpga.errors import RecordingError
 from cmfpga.events import Events, generate, open_recording, write_hdf5
 
 FAST = ["--preset", "fast"]
+TAB_RED = (0.8392, 0.1529, 0.1569)
 NONE = "No proposal: nothing moves clearly and far enough in any 64×64 px."
 DOCS = Path(__file__).parents[2] / "docs" / "recordings.md"
 
@@ -124,9 +125,8 @@ def test_a_sensor_that_nobody_tells(command, scene, tmp_path):
     np.savez(tmp_path / "a.npz", t=scene.events.t, x=scene.events.x, y=scene.events.y, p=scene.events.p)
     done = command(info, tmp_path / "a.npz", *FAST)
     covered = f"{scene.events.x.max() + 1}×{scene.events.y.max() + 1}"
-    assert (
-        done.status == 0 and f"sensor      not said; the events cover {covered} px: taking 240×180 px; say" in done.out
-    )
+    told = f"sensor      not said; the events cover {covered} px: taking 240×180 px; say"
+    assert done.status == 0 and told in done.out
     assert "time unit   us (guessed)\n" in done.out and "Proposal: ROI " in done.out
 
 
@@ -134,11 +134,11 @@ def test_a_picture(command, recording, tmp_path):
     done = command(info, recording, *FAST, "--png", tmp_path / "a.png")
     assert done.status == 0
     pixels = matplotlib.image.imread(tmp_path / "a.png")[..., :3]
-    red = np.abs(pixels - (0.8392, 0.1529, 0.1569)).max(axis=2) < 0.02
+    red = np.abs(pixels - TAB_RED).max(axis=2) < 0.02
     assert pixels.shape[0] > 500 and red.mean() > 1e-4
     assert command(info, recording, *FAST, "--no-proposal", "--png", tmp_path / "b.png").status == 0
     pixels = matplotlib.image.imread(tmp_path / "b.png")[..., :3]
-    assert not (np.abs(pixels - (0.8392, 0.1529, 0.1569)).max(axis=2) < 0.02).any()
+    assert not (np.abs(pixels - TAB_RED).max(axis=2) < 0.02).any()
 
 
 @pytest.mark.usefixtures("long_tools")
@@ -199,9 +199,8 @@ def test_a_truncated_file_is_described_and_refused(command, recording, tmp_path)
 ])  # fmt: skip
 def test_mistakes(command, recording, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    done = command(
-        info, *(part.replace("PATH", str(recording)) for part in arguments), *FAST[: 2 * ("x" not in arguments)]
-    )
+    given = (part.replace("PATH", str(recording)) for part in arguments)
+    done = command(info, *given, *FAST[: 2 * ("x" not in arguments)])
     assert done.error.startswith(message.replace("PATH", str(recording)))
 
 

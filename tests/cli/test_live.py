@@ -19,6 +19,7 @@ from cmfpga.errors import RecordingError
 from cmfpga.events import Events, LiveSource
 from support.designs import FAST, PAPER
 from support.recordings import evt2, evt3, evt21, make_events
+from support.small_core import options
 
 HEADS = {
     "evt2": b"% evt 2.0\n% geometry 32x24\n",
@@ -26,6 +27,7 @@ HEADS = {
     "evt3": b"% camera x\n% format EVT3;height=24;width=32\n% end\n",
 }
 ENCODE = {"evt2": evt2, "evt21": lambda events: evt21(events, legacy=True), "evt3": evt3}
+SMALL = options(FAST)
 MODEL = ["--engine", "model", "--roi", "8,9", "--batch-events", 90]
 
 
@@ -87,18 +89,13 @@ def test_a_sender_that_stalls_and_resumes(send, follow, expected, dot_events, tm
     assert "600 events came, 0 were dropped; the sender was held up for 0 s" in lines
 
 
-def test_a_header_that_comes_by_itself(send, follow, expected, dot_events, tmp_path):
-    """Its end is the end of what came, and the events take their time."""
-    head = HEADS["evt2"] + b"% end\n"
-    done = follow(send(head, 0.3, evt2(dot_events)))
-    assert (done.status, done.err) == (0, "")
-    assert (tmp_path / "live" / "track.csv").read_bytes() == expected
-
-
-def test_a_file_of_the_same_bytes_gives_the_same(send, follow, dot_events, expected, tmp_path):
+def test_a_header_that_comes_by_itself_and_a_file_of_the_same_bytes(send, follow, expected, dot_events, tmp_path):
+    """The header's end is the end of what came, and the events take their time."""
     (tmp_path / "a.raw").write_bytes(HEADS["evt3"] + evt3(dot_events))
-    assert follow(tmp_path / "a.raw", out="file").status == 0
-    assert (tmp_path / "file" / "track.csv").read_bytes() == expected
+    for source in (send(HEADS["evt2"] + b"% end\n", 0.3, evt2(dot_events)), tmp_path / "a.raw"):
+        done = follow(source)
+        assert (done.status, done.err) == (0, "")
+        assert (tmp_path / "live" / "track.csv").read_bytes() == expected
 
 
 def test_standard_input_and_a_pipe(follow, expected, dot_events, tmp_path, monkeypatch):
@@ -128,8 +125,7 @@ def test_lines_of_json(send, follow, dot_events):
 
 def test_several_objects_of_a_stream(send, command, dot, dot_events, tmp_path):
     """As of its file; each line has a name."""
-    small = [word for name, value in FAST.items() if name != "preset" for word in ("--set", f"{name}={value}")]
-    options = ["--roi", "dot=8,9", "--roi", "1,1", "--engine", "model", "--batch-events", 90, *small, "--no-picture"]
+    options = ["--roi", "dot=8,9", "--roi", "1,1", "--engine", "model", "--batch-events", 90, *SMALL, "--no-picture"]
     assert command(track, dot, *options, "--out", tmp_path / "file").status == 0
     done = command(track, send(HEADS["evt3"] + evt3(dot_events)), *options, "--out", tmp_path / "live")
     assert done.status == 0
@@ -270,8 +266,7 @@ def test_a_sender_slower_than_its_own_times(send, command, tmp_path, rng, monkey
 
 
 def test_an_empty_roi_does_not_end_the_others(send, command, dot_events, tmp_path):
-    small = [word for name, value in FAST.items() if name != "preset" for word in ("--set", f"{name}={value}")]
-    options = ["--engine", "model", "--batch-events", 90, *small, "--no-picture", "--out", tmp_path]
+    options = ["--engine", "model", "--batch-events", 90, *SMALL, "--no-picture", "--out", tmp_path]
     far = Events(dot_events.t, np.minimum(dot_events.x, 15), np.minimum(dot_events.y, 15), dot_events.p)
     done = command(track, send(HEADS["evt3"] + evt3(far)), "--roi", "dot=8,8", "--roi", "empty=24,16", *options)
     assert done.status == 0 and "dot: 6 batches tracked" in done.out and "empty: 6 batches tracked" in done.out
@@ -336,12 +331,11 @@ def test_addresses(follow, address, message):
 
 
 def test_what_is_for_streams_only(follow, command, dot, send):
-    assert follow(dot, "--drop").error.endswith(
-        "a file; --drop is for streams: -, tcp://HOST:PORT, a named pipe, camera:"
-    )
-    assert follow("tcp://127.0.0.1:1", "--columns", "x,y,t,p").error.endswith(
-        "a stream; columns can be told of files only"
-    )
+    for told, why in (
+        ((dot, "--drop"), "a file; --drop is for streams: -, tcp://HOST:PORT, a named pipe, camera:"),
+        (("tcp://127.0.0.1:1", "--columns", "x,y,t,p"), "a stream; columns can be told of files only"),
+    ):
+        assert follow(*told).error.endswith(why)
     assert command(track, "--drop").error == "--drop: a RECORDING is needed; the synthetic scene has its own"
     assert command(info, "tcp://127.0.0.1:1").error == "tcp:/127.0.0.1:1: no such file"
     done = command(track, send(HEADS["evt3"]), "--roi", "auto", "--set", "roi_width=8", "--set", "roi_height=8")

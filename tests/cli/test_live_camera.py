@@ -96,13 +96,11 @@ def test_it_is_unplugged_and_comes_again(plug, follow, dot_events, tmp_path):
     assert 0.4e6 <= t[600] - t[599] <= took * 1e6
 
 
-def test_the_summary_tells_that_it_came_again(plug, follow, dot_events):
+def test_the_summary(plug, follow, dot_events):
+    """It tells that the camera came again; and as JSON."""
     driver = plug(packets(evt3(dot_events), 1200), again=[*packets(evt3(dot_events))].__iter__)
     done = follow("camera:", "--batches", 8)
     assert done.status == 0 and "were dropped there; it was gone once" in done.out and len(driver.opened) == 2
-
-
-def test_the_summary_as_json(plug, follow, dot_events):
     plug(packets(evt3(dot_events), 1200))
     *_, last = map(json.loads, follow("camera:00050001", "--json").out.splitlines())
     assert (last["summary"]["driver_backlog"], last["summary"]["driver_dropped"]) == (3, 2)
@@ -127,10 +125,8 @@ def test_one_is_chosen_by_its_serial_number(plug):
         with LiveSource(address) as source:
             assert (source.name, source.width, source.height) == (f"camera:{serial}", 32, 24)
         assert driver.opened[-1] == (serial, True)
-    with pytest.raises(
-        RecordingError,
-        match=r"^camera:C3: not connected; there are: Prophesee EVK4 \(Access denied\), Prophesee EVK4 \(A1\), ",
-    ):
+    there = r"there are: Prophesee EVK4 \(Access denied\), Prophesee EVK4 \(A1\), "
+    with pytest.raises(RecordingError, match=f"^camera:C3: not connected; {there}"):
         LiveSource("camera:C3")
 
 
@@ -182,18 +178,16 @@ def test_the_real_driver_has_the_same_interface():
     assert {one.value for one in Name} <= {one.value for one in real.Name}
     assert set(vars(listed())) <= {field.name for field in dataclasses.fields(real.ListedDevice)}
     assert {"iterator_timeout", "raw", "serial"} <= inspect.signature(real.open).parameters.keys()
-    assert {"backlog", "dropped_packets"} <= status.RawRingStatus.__annotations__.keys() & (
-        status.RingStatus.__annotations__.keys()
-    )
+    for kind in (status.RawRingStatus, status.RingStatus):
+        assert {"backlog", "dropped_packets"} <= kind.__annotations__.keys()
     assert hasattr(device, "close") and real.prophesee_evk4.Properties().width == 1280
     assert "polarity_events" in real.DvxplorerPacket.__annotations__
 
 
 def test_a_skipped_piece_means_the_same_to_the_next(rng):
     """Words of all types, some of them cut, skipped and decoded by turns; times rise."""
-    words = rng.choice(
-        [0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x7, 0x8, 0xA], 20_000, p=[0.1] * 3 + [0.3] + [0.1] * 2 + [0.05] * 2 + [0.1]
-    )
+    share = [0.1] * 3 + [0.3] + [0.1] * 2 + [0.05] * 2 + [0.1]
+    words = rng.choice([0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x7, 0x8, 0xA], 20_000, p=share)
     words = words << 12 | rng.integers(0, 4096, len(words))
     high = words >> 12 == 8
     words[high] = 0x8000 | np.sort(rng.integers(0, 4096, high.sum()))
@@ -222,9 +216,8 @@ def test_twenty_million_events_a_second(plug, command, small, rng, tmp_path):
     assert "broke off" in done.err and busy.sent > 55_000_000
     assert counts["received"] + busy.dropped == busy.sent
     assert tracked + counts["not_tracked"] + counts["out_of_sensor"] + counts["lost"] == counts["received"]
-    assert min(tracked, counts["out_of_sensor"], counts["lost"]) > 0 and bool(busy.dropped) == bool(
-        counts["driver_dropped"]
-    )
+    assert min(tracked, counts["out_of_sensor"], counts["lost"]) > 0
+    assert bool(busy.dropped) == bool(counts["driver_dropped"])
 
 
 def test_memory_stays_flat(plug, rng):

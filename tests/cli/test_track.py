@@ -11,7 +11,6 @@ from matplotlib.text import Text
 from PIL import Image, ImageSequence
 
 import cmfpga
-from cmfpga import cli
 from cmfpga.cli import track
 from cmfpga.config import Config
 from cmfpga.engines import usual_preset
@@ -87,14 +86,12 @@ def test_the_picture_shows_v_and_how_sure_it_is(command, monkeypatch, tmp_path):
         (ellipse,) = (one for one in axes.patches if isinstance(one, Ellipse))
         begin, end = axes.texts[0].xyann, axes.texts[0].xy
         angle, radii = np.radians(ellipse.angle), np.array([ellipse.width, ellipse.height]) / 2
-        extent = [
-            np.hypot(*(radii * turned)) for turned in ((np.cos(angle), np.sin(angle)), (np.sin(angle), np.cos(angle)))
-        ]
+        cos, sin = np.cos(angle), np.sin(angle)
+        extent = [np.hypot(*(radii * turned)) for turned in ((cos, sin), (sin, cos))]
         for k, axis in enumerate("xy"):
             v, sd = (float(row[f"v{axis}_px_per_s{end}"]) for end in ("", "_sd"))
-            assert begin[k] == int(row[f"roi_{axis}"]) + 32 and end[k] - begin[k] == pytest.approx(
-                v * seconds, abs=1e-3
-            )
+            assert begin[k] == int(row[f"roi_{axis}"]) + 32
+            assert end[k] - begin[k] == pytest.approx(v * seconds, abs=1e-3)
             assert extent[k] == pytest.approx(5.991**0.5 * sd * seconds, abs=0.01)
 
 
@@ -261,9 +258,8 @@ def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_
     done = command(track, "--preset", "fast", "--out", tmp_path)
     assert done.status == 0 and set(line.split(":")[0] for line in done.err.splitlines()) <= {"warning"}
     lines = done.out.splitlines()
-    assert re.search(
-        r"^\d of 9 batches are to be trusted\nvelocity 1[78]\d px/s in the median, ", done.out, re.MULTILINE
-    )
+    trusted = r"^\d of 9 batches are to be trusted\nvelocity 1[78]\d px/s in the median, "
+    assert re.search(trusted, done.out, re.MULTILINE)
     head = lines.index("batch   true vx, vy [px/s]      found vx, vy [px/s]")
     table = np.array([line.split() for line in lines[head + 1 :]], float)
     written = rows(tmp_path)
@@ -281,22 +277,9 @@ def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_
 
 
 def test_the_synthetic_scene_as_json_is_only_json(command, tmp_path):
-    done = command(
-        track,
-        "--engine",
-        "model",
-        "--set",
-        "cold=0:1:1",
-        "--batch-events",
-        1640,
-        "--batches",
-        2,
-        "--json",
-        "--no-picture",
-        "--out",
-        tmp_path,
-    )
-    assert json.loads(done.out)["batches"] == 2 and json.loads(done.out)["config"]["cold"] == "0:1:1"
+    options = ["--engine", "model", "--set", "cold=0:1:1", "--batch-events", 1640, "--batches", 2, "--no-picture"]
+    found = json.loads(command(track, *options, "--json", "--out", tmp_path).out)
+    assert found["batches"] == 2 and found["config"]["cold"] == "0:1:1"
 
 
 def test_the_scene_with_other_options(command, rows, tmp_path):
@@ -402,21 +385,6 @@ def test_without_a_compiler_a_note_and_the_same_csv(follow, rows, tmp_path, monk
     assert all(int(row["cycles"]) > 0 for row in slow)
     follow("--batches", 2, "--set", "iterations=3", "--no-picture")
     assert but_cycles(slow) == rows(tmp_path)
-
-
-def test_help_names_every_option_and_the_examples_parse(command):
-    done = command(track, "--help")
-    assert done.status == 0
-    for option in (
-        "--roi", "--batch-events", "--batch-us", "--batch-roi-events", "--start-event", "--batches", "--preset",
-        "--set", "--engine", "--sensor", "--time-unit", "--out",
-    ):  # fmt: skip
-        assert option in done.out
-    for example in track.EXAMPLES:
-        assert example in done.out
-        options = track.parser().parse_args(example.partition("#")[0].split()[2:])
-        options.preset = options.preset or usual_preset(cli.config_changes(options), engine="model")[0]
-        cli.make_config(options)
 
 
 def test_list_fields(process):

@@ -114,13 +114,11 @@ def test_other_recordings_and_other_batches(data_dir, command, rows, tmp_path, n
 
 def test_a_text_recording_as_it_was_published(compiler, data_dir, command, rows, tmp_path):
     path = data_dir / "original_formats" / "davis240c_slider_depth_0.0s_events.txt"
-    done = command(
-        track, path, "--roi", "100,60", "--batch-roi-events", 600, "--batches", 2, "--out", tmp_path, "--no-picture"
-    )
+    options = ["--roi", "100,60", "--batch-roi-events", 600, "--batches", 2, "--no-picture"]
+    done = command(track, path, *options, "--out", tmp_path)
     assert done.status == 0 and "taking 240×180 px" in done.err
-    assert done.err.startswith(
-        f"note: {path} does not say its unit of time: taking s, a guess; say it with --time-unit\n"
-    )
+    unit = f"note: {path} does not say its unit of time: taking s, a guess; say it with --time-unit\n"
+    assert done.err.startswith(unit)
     assert [row["roi_events"] for row in rows(tmp_path)] == ["600", "600"]
 
 

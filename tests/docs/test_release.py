@@ -21,27 +21,23 @@ from support.board_files import load
 ROOT = Path(__file__).parents[2]
 
 
-def run(*command, folder):
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True)
-
-
-def test_every_file_has_a_licence():
+def test_every_file_has_a_licence_and_one_without_is_noticed(tmp_path):
     pytest.importorskip("reuse", reason="reuse is not installed: pip install reuse")
-    done = run(sys.executable, "-m", "reuse", "lint", folder=ROOT)
-    assert done.returncode == 0, done.stdout + done.stderr
 
+    def lint(folder):
+        done = subprocess.run([sys.executable, "-m", "reuse", "lint"], cwd=folder, capture_output=True, text=True)
+        return done.returncode, done.stdout + done.stderr
 
-def test_a_file_without_a_licence_is_noticed(tmp_path):
-    pytest.importorskip("reuse", reason="reuse is not installed: pip install reuse")
+    assert lint(ROOT)[0] == 0, lint(ROOT)[1]
     text = (ROOT / "REUSE.toml").read_text(encoding="utf-8")
     (tmp_path / "REUSE.toml").write_text(text.replace('path = "**"', 'path = "told.py"'), encoding="utf-8")
     (tmp_path / "told.py").write_text("pass\n")
     (tmp_path / "LICENSES").mkdir()
     (tmp_path / "LICENSES" / "BSD-2-Clause.txt").write_text((ROOT / "LICENSE").read_text(encoding="utf-8"))
-    assert run(sys.executable, "-m", "reuse", "lint", folder=tmp_path).returncode == 0
+    assert lint(tmp_path)[0] == 0
     (tmp_path / "other.py").write_text("pass\n")
-    done = run(sys.executable, "-m", "reuse", "lint", folder=tmp_path)
-    assert done.returncode == 1 and "other.py\n" in done.stdout and "told.py" not in done.stdout
+    status, said = lint(tmp_path)
+    assert status == 1 and "other.py\n" in said and "told.py" not in said
 
 
 def test_the_licence_is_one():

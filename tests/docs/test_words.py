@@ -1,4 +1,4 @@
-"""The documentation is read once: how many words and pages it has, how long its sentences are, each table once."""
+"""The documentation is read once: how many words and pages it has, how long its sentences are; links lead somewhere."""
 
 import re
 from collections import Counter
@@ -6,8 +6,16 @@ from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+README = DOCS.parent / "README.md"
 PAGES = sorted(DOCS.glob("*.md"))
+EVERY = [
+    *(ROOT / f"{name}.md" for name in ("README", "CHANGELOG", "CONTRIBUTING", "SECURITY")),
+    *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "boards").rglob("*.md")),
+]  # fmt: skip
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+PATH = re.compile(r"`((?:src|tests|docs|boards|sim)/[\w./-]+)`")
 
 
 def sentences(text):
@@ -36,14 +44,11 @@ def test_the_whole_is_short():
 
 
 def test_the_readme_is_short():
-    text = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    text = README.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 150 and len(text.split()) <= 1000
-    found = sentences(text)
-    assert not [one for one in found if words(one) > 35]
-    assert sum(map(words, found)) / len(found) <= 20
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.stem)
 def test_sentences_are_short(page):
     found = sentences(page.read_text(encoding="utf-8"))
     assert not [one for one in found if words(one) > 35]
@@ -53,3 +58,38 @@ def test_sentences_are_short(page):
 def test_each_generated_table_stands_once():
     text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
     assert not [name for name, count in Counter(re.findall(r"<!-- generated: (\w+) -->", text)).items() if count > 1]
+
+
+def anchors(page):
+    """Anchors of a page's headings, as code hosts make them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", EVERY, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_and_paths(page):
+    text = page.read_text(encoding="utf-8")
+    for path in PATH.findall(text):
+        assert (ROOT / path).exists(), f"{path}: no such file"
+    for target in LINK.findall(text):
+        if target.startswith("https://"):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        assert file.exists(), f"{target}: no such file"
+        assert not anchor or anchor in anchors(file), f"{target}: no such heading"
+
+
+def test_decisions_are_short_and_alike():
+    pages = sorted((ROOT / "docs" / "decisions").glob("*.md"))
+    assert [int(page.name[:4]) for page in pages] == list(range(1, len(pages) + 1))
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert len(text.splitlines()) <= 25, page.name
+        for part in ("**Context.**", "**Decision.**", "**Consequence.**"):
+            assert text.count(part) == 1, f"{page.name}: {part}"
+
+
+def test_pictures_are_small():
+    for picture in (ROOT / "docs" / "images").iterdir():
+        assert picture.stat().st_size < 300_000, picture.name

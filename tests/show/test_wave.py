@@ -43,12 +43,8 @@ class Vcd:
                     self.kinds[name] = (token.var.type_.value, token.var.size)
                 elif token.kind is TokenKind.CHANGE_TIME:
                     now = token.time_change
-                elif token.kind is TokenKind.CHANGE_SCALAR:
-                    changes.setdefault(token.scalar_change.id_code, []).append((now, float(token.scalar_change.value)))
-                elif token.kind is TokenKind.CHANGE_VECTOR:
-                    changes.setdefault(token.vector_change.id_code, []).append((now, float(token.vector_change.value)))
-                elif token.kind is TokenKind.CHANGE_REAL:
-                    changes.setdefault(token.real_change.id_code, []).append((now, token.real_change.value))
+                elif token.kind in (TokenKind.CHANGE_SCALAR, TokenKind.CHANGE_VECTOR, TokenKind.CHANGE_REAL):
+                    changes.setdefault(token.data.id_code, []).append((now, float(token.data.value)))
                 elif token.kind is TokenKind.TIMESCALE:
                     self.timescale = f"{token.timescale.magnitude.value} {token.timescale.unit.value}"
         self.end = now

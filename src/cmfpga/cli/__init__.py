@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import dataclasses
 import functools
-import math
 import re
 import signal
 import sys
@@ -75,16 +74,12 @@ def _join_negative(arguments):
 def add_config_options(made, usual=DEFAULT_PRESET, told=None):
     """``--preset``, ``usual`` if none is told (``told``: how help says which), ``--set`` and ``--list-fields``."""
     group = made.add_argument_group("configuration")
-    group.add_argument(
-        "--preset",
-        default=usual,
-        metavar="P",
-        help=f"one of: {', '.join(PRESETS)} (default: {told or usual})",
-    )
-    group.add_argument(
-        "--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help="set a field; repeatable"
-    )
-    group.add_argument("--list-fields", action=_ListFields, help="list all fields with their defaults and units")
+    names = f"one of: {', '.join(PRESETS)} (default: {told or usual})"
+    group.add_argument("--preset", default=usual, metavar="P", help=names)
+    text = "set a field; repeatable"
+    group.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help=text)
+    text = "list all fields with their defaults and units"
+    group.add_argument("--list-fields", nargs=0, action=_ListFields, help=text)
 
 
 def config_changes(options):
@@ -98,9 +93,6 @@ def make_config(options, **defaults):
 
 
 class _ListFields(argparse.Action):
-    def __init__(self, *args, **options):
-        super().__init__(*args, nargs=0, **options)
-
     def __call__(self, parser, *_):
         for field in dataclasses.fields(Config):
             meta = field.metadata
@@ -149,21 +141,14 @@ def batch_size(options):
 
 def add_clock_option(made):
     """``--clock``."""
-    made.add_argument(
-        "--clock", type=clock, default=CLOCK_MHZ, metavar="MHZ",
-        help=f"clock that you assume the hardware to reach, MHz (default: {CLOCK_MHZ:g})",
-    )  # fmt: skip
+    text = f"clock that you assume the hardware to reach, MHz (default: {CLOCK_MHZ:g})"
+    made.add_argument("--clock", type=clock, default=CLOCK_MHZ, metavar="MHZ", help=text)
 
 
-def clock(text):
-    """A parser of a clock in MHz for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value <= 10_000:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number of MHz, more than 0, at most 10000, is needed")
-    return value
+def add_tile_options(made):
+    """``--tile`` and ``--step``, of tiles of flow."""
+    made.add_argument("--tile", type=positive, metavar="PX", help="size of a tile (default: 32; 48 for HD)")
+    made.add_argument("--step", type=positive, metavar="PX", help="from tile to tile (default: half a tile)")
 
 
 def add_recording_options(made):
@@ -176,16 +161,11 @@ def add_layout_options(made):
     """``--columns``, ``--dataset`` and ``--format``, for :func:`reading`."""
     from ..events import forms
 
-    made.add_argument(
-        "--columns",
-        metavar="x,y,t,p",
-        help="columns in their order, of text without names and of N×4; others: any name",
-    )
+    text = "columns in their order, of text without names and of N×4; others: any name"
+    made.add_argument("--columns", metavar="x,y,t,p", help=text)
     made.add_argument("--dataset", metavar="PATH", help="data set or group inside of an HDF5 file; topic of a ROS bag")
-    made.add_argument(
-        "--format", dest="form", choices=forms(), metavar="F",
-        help=f"format of a file or stream that doesn't say it: {', '.join(forms())}",
-    )  # fmt: skip
+    text = f"format of a file or stream that doesn't say it: {', '.join(forms())}"
+    made.add_argument("--format", dest="form", choices=forms(), metavar="F", help=text)
 
 
 def reading(options):
@@ -201,11 +181,22 @@ def require_recording(options, *names):
             raise ConfigError(f"{option}: a RECORDING is needed; the synthetic scene has its own")
 
 
+def note(*sentences):
+    """Print each of them that is not empty to standard error."""
+    for sentence in filter(None, sentences):
+        print(f"note: {sentence}", file=sys.stderr, flush=True)
+
+
 def noted(recording):
-    """The recording; what is odd about it goes to standard error."""
-    for note in recording.notes():
-        print(f"note: {note}", file=sys.stderr)
+    """The recording; what is odd about it is noted."""
+    note(*recording.notes())
     return recording
+
+
+def wrote(files):
+    """Print which files were written."""
+    for path in files:
+        print(f"wrote {path}")
 
 
 def files(action):
@@ -226,19 +217,28 @@ def checked(parse):
     return parsed
 
 
-def numbers(kind, count, needed):
-    """A parser of ``count`` numbers with commas between them for argparse; ``needed`` says so to who gives others."""
+def numbers(kind, count, needed, allowed=lambda value: True):
+    """A parser for argparse of ``count`` numbers with commas between them, a tuple, each of which is ``allowed``.
+
+    ``needed`` says so to who gives others.
+    """
 
     def parse(text):
         try:
             found = tuple(kind(part) for part in text.split(","))
         except ValueError:
             found = ()
-        if len(found) != count:
+        if len(found) != count or not all(map(allowed, found)):
             raise argparse.ArgumentTypeError(f"{text!r}: {needed} needed")
         return found
 
     return parse
+
+
+def number(kind, needed, allowed=lambda value: True):
+    """The same of one number."""
+    parse = numbers(kind, 1, needed, allowed)
+    return lambda text: parse(text)[0]
 
 
 def pair(what):
@@ -246,28 +246,16 @@ def pair(what):
     return numbers(int, 2, f"{what}, two whole numbers, is")
 
 
-def positive(text, least=1):
-    """A parser of an integer of 1 or more for argparse."""
-    try:
-        number = int(text)
-    except ValueError:
-        number = least - 1
-    if number < least:
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of {least} or more is needed")
-    return number
+positive = number(int, "a whole number of 1 or more is", lambda value: value >= 1)
+natural = number(int, "a whole number of 0 or more is", lambda value: value >= 0)
+clock = number(float, "a number of MHz, more than 0, at most 10000, is", lambda value: 0 < value <= 10_000)
 
 
 def few(text):
     """A parser of a number of objects, 1 to 4, for argparse."""
-    number = positive(text)
-    if number > 4:
+    if positive(text) > 4:
         raise argparse.ArgumentTypeError(f"{text!r}: 1 to 4 is needed")
-    return number
-
-
-def natural(text):
-    """A parser of an integer of 0 or more for argparse."""
-    return positive(text, 0)
+    return int(text)
 
 
 def shows_bar():

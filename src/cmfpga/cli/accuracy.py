@@ -34,17 +34,11 @@ def parser():
     track.add_tracking_options(made)
     add_truth_options(made, "; by default the recording's own, or RECORDING.truth.csv beside it")
     group = made.add_argument_group("flow")
-    group.add_argument(
-        "--flow",
-        action="store_true",
-        help="the tiles of cmfpga flow, not a track; --window-events or --window-us: its windows",
-    )
-    group.add_argument("--tile", type=cli.positive, metavar="PX", help="size of a tile (default: 32; 48 for HD)")
-    group.add_argument("--step", type=cli.positive, metavar="PX", help="from tile to tile (default: half a tile)")
-    made.add_argument(
-        "--out", default="cmfpga-accuracy", metavar="DIR",
-        help="folder for accuracy.csv, and for track.csv or flow.csv (default: %(default)s)",
-    )  # fmt: skip
+    text = "the tiles of cmfpga flow, not a track; --window-events or --window-us: its windows"
+    group.add_argument("--flow", action="store_true", help=text)
+    cli.add_tile_options(group)
+    text = "folder for accuracy.csv, and for track.csv or flow.csv (default: %(default)s)"
+    made.add_argument("--out", default="cmfpga-accuracy", metavar="DIR", help=text)
     made.add_argument("--json", action="store_true", help="print all of it as JSON")
     cli.add_config_options(made, None, f"{track.USUAL_PRESET}; with --flow flow")
     return made

@@ -31,6 +31,8 @@ EXAMPLES = (
     "cmfpga build --list-fields",
 )
 
+SERIAL_BOARDS = [board.name for board in BOARDS.values() if isinstance(board, SerialBoard)]
+
 
 def build(config, folder):
     """Write ``cmfpga_core.v``, what describes it, and an example of its use into ``folder``; returns their paths."""
@@ -83,19 +85,12 @@ def build_top(config, board, folder, baud=None):
     return paths
 
 
-def _report(doing):
-    print(f"note: {doing}", file=sys.stderr, flush=True)
-
-
-def estimate(verilog, axi=None, by_block=False):
-    """:func:`cmfpga.fpga.resources.estimate` of the core's Verilog at this path.
-
-    ``axi``, the path of the AXI top's Verilog, adds a row of that.
-    """
-    estimated = resources.estimate(verilog.read_text(encoding="utf-8"), by_block=by_block, report=_report)
+def _estimate(verilog, axi, by_block):
+    """The resources of the core's Verilog at this path; ``axi``, that of a top's or None, adds a row of that."""
+    estimated = resources.estimate(verilog.read_text(encoding="utf-8"), by_block=by_block, report=cli.note)
     if axi is not None:
-        _report(f"the same of {axi.stem}")
-        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=_report, top=axi.stem)
+        cli.note(f"the same of {axi.stem}")
+        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=cli.note, top=axi.stem)
     return estimated
 
 
@@ -104,26 +99,19 @@ def parser():
     tops = "; ".join(f"{board.name}: {board.top}" for board in BOARDS.values())
     made = cli.parser("cmfpga build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
-    made.add_argument(
-        "--top",
-        choices=("core", *BOARDS),
-        default="core",
-        help=f"core: {TOP}; {tops} too, with the board's ports, and its registers' documents (default: core)",
-    )
+    text = f"core: {TOP}; {tops} too, with the board's ports, and its registers' documents (default: core)"
+    made.add_argument("--top", choices=("core", *BOARDS), default="core", help=text)
     made.add_argument("--json", action="store_true", help="print the paths (and what is estimated) as JSON")
-    made.add_argument(
-        "--resources", nargs="?", const="core", choices=("core", "blocks"), metavar="blocks",
-        help="estimate LUTs, flip-flops, RAMs and DSPs by Yosys; 'blocks': of each block, too (minutes)",
-    )  # fmt: skip
+    text = "estimate LUTs, flip-flops, RAMs and DSPs by Yosys; 'blocks': of each block, too (minutes)"
+    made.add_argument("--resources", nargs="?", const="core", choices=("core", "blocks"), metavar="blocks", help=text)
     made.add_argument("--levels", action="store_true", help="count the LUTs in a row between registers, by Yosys")
     placed = made.add_argument_group("place and route by Yosys and nextpnr, of what --top says (minutes)")
     placed.add_argument("--place", choices=tuple(FAMILIES), metavar="DEVICE", help=", ".join(FAMILIES))
     placed.add_argument("--speed", type=cli.positive, metavar="N", help="speed grade (default: the fastest)")
     placed.add_argument("--seeds", type=cli.positive, metavar="N", help="placements, of which the median counts (1)")
-    placed.add_argument(
-        "--target", type=cli.clock, metavar="MHZ", help=f"fail below this clock (without: aim for {place.AIM_MHZ})"
-    )
-    serial = made.add_argument_group("a board without a processor (--top " + ", ".join(_serial_boards()) + ")")
+    text = f"fail below this clock (without: aim for {place.AIM_MHZ})"
+    placed.add_argument("--target", type=cli.clock, metavar="MHZ", help=text)
+    serial = made.add_argument_group(f"a board without a processor (--top {', '.join(SERIAL_BOARDS)})")
     serial.add_argument(
         "--bitstream", action="store_true", help="its whole bitstream, by Yosys, nextpnr and a packer (minutes); "
         f"of the first of --seeds ({bitstream.SEEDS}) that meets timing",
@@ -133,18 +121,14 @@ def parser():
     return made
 
 
-def _serial_boards():
-    return [board.name for board in BOARDS.values() if isinstance(board, SerialBoard)]
-
-
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
     config = cli.make_config(options)
     if options.resources or options.levels:
         resources.require_yosys()  # before anything is written
-    if (options.bitstream or options.baud) and options.top not in _serial_boards():
-        raise UserError(f"--bitstream and --baud are for a board without a processor: --top {_serial_boards()[0]}")
+    if (options.bitstream or options.baud) and options.top not in SERIAL_BOARDS:
+        raise UserError(f"--bitstream and --baud are for a board without a processor: --top {SERIAL_BOARDS[0]}")
     if options.place:
         place.require_tools(options.place, options.speed, options.target)
     if options.bitstream:
@@ -155,9 +139,8 @@ def main(arguments=None):
     if board:
         registers.check(config)
     elif config.evt3:
-        raise UserError(
-            f"evt3 = 1: {TOP} takes events, not words; a board's top decodes them: --top {next(iter(BOARDS))}"
-        )
+        top = next(iter(BOARDS))
+        raise UserError(f"evt3 = 1: {TOP} takes events, not words; a board's top decodes them: --top {top}")
     if options.baud:
         divisor(board.clock_hz, options.baud)
     folder = cli.output_folder(options.out)
@@ -165,21 +148,21 @@ def main(arguments=None):
     if board:
         paths += build_top(config, board, folder, options.baud)
         if not documents.has_peakrdl():
-            print("note: no HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'", file=sys.stderr)
+            cli.note("no HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'")
     wrapped = folder / f"{board.top}.v" if board else None
     if not options.json:
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
     emitted = wrapped or paths[0]
-    verilog, top = emitted.read_text(encoding="utf-8"), {"top": emitted.stem, "report": _report}
+    verilog, top = emitted.read_text(encoding="utf-8"), {"top": emitted.stem, "report": cli.note}
     seeds = options.seeds or bitstream.SEEDS
     image = emitted.with_suffix(bitstream.FLOWS[board.name].suffix) if options.bitstream else None
     how = {"device": options.place, "speed": options.speed, "seeds": options.seeds, "aim_mhz": options.target}
     found = {}
     for name, what, measure in (
-        ("resources", resources, lambda: estimate(paths[0], wrapped, options.resources == "blocks")),
+        ("resources", resources, lambda: _estimate(paths[0], wrapped, options.resources == "blocks")),
         ("levels", levels, lambda: levels.levels(verilog, **top)),
         ("place", place, lambda: place.place(verilog, **top, **{name: value for name, value in how.items() if value})),
-        ("bitstream", bitstream, lambda: bitstream.bitstream(verilog, board, image, seeds=seeds, report=_report)),
+        ("bitstream", bitstream, lambda: bitstream.bitstream(verilog, board, image, seeds=seeds, report=cli.note)),
     ):
         if getattr(options, name):
             found[name] = measure()

@@ -4,11 +4,10 @@ A subcommand is a module of this room, with ``parser()``, and with ``main(argume
 It is imported when it is called, so that ``cmfpga --help`` takes no time.
 """
 
-import argparse
 import importlib
 import sys
 
-from .. import __version__, cli
+from .. import cli
 from ..errors import UserError, needs, one_of
 
 #: Purpose of each subcommand, in the order of the help.
@@ -40,27 +39,13 @@ def load(name):
 
 
 def _parser():
-    made = argparse.ArgumentParser(
-        prog="cmfpga",
-        description="Contrast Maximization for event cameras on an FPGA.",
-        epilog="subcommands:\n"
-        + "".join(f"  {name:<10} {purpose}\n" for name, purpose in COMMANDS.items())
-        + "\nexamples:\n"
-        + "".join(f"  {line}\n" for line in EXAMPLES),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        usage="cmfpga [--help] [--version] [--print-completion SHELL] SUBCOMMAND …",
-        exit_on_error=False,
-    )
-    _add_options(made)
+    made = cli.parser("cmfpga", "Contrast Maximization for event cameras on an FPGA.", EXAMPLES)
+    purposes = "".join(f"  {name:<10} {purpose}\n" for name, purpose in COMMANDS.items())
+    made.epilog = f"subcommands:\n{purposes}\n{made.epilog}"
+    made.usage = "cmfpga [--help] [--version] [--print-completion SHELL] SUBCOMMAND …"
+    text = "print a script by which bash, zsh or tcsh completes subcommands, options and files; needs shtab"
+    made.add_argument("--print-completion", choices=("bash", "zsh", "tcsh"), metavar="SHELL", help=text)
     return made
-
-
-def _add_options(made):
-    made.add_argument("--version", action="version", version=f"cmfpga {__version__}")
-    made.add_argument(
-        "--print-completion", choices=("bash", "zsh", "tcsh"), metavar="SHELL",
-        help="print a script by which bash, zsh or tcsh completes subcommands, options and files; needs shtab",
-    )  # fmt: skip
 
 
 def main(arguments=None):
@@ -69,10 +54,7 @@ def main(arguments=None):
     if arguments and not arguments[0].startswith("-"):
         name, *rest = arguments
         return load(name).main(rest)
-    try:
-        options, unknown = _parser().parse_known_args(arguments)
-    except argparse.ArgumentError as error:
-        raise UserError(f"{error} (--help lists the options)") from None
+    options, unknown = _parser().parse_known_args(arguments)
     if options.print_completion:
         print(_completion(options.print_completion))
         return 0
@@ -86,9 +68,8 @@ def _completion(shell):
     """A script for ``shell`` of all subcommands and their options."""
     with needs("shtab", "completion", "--print-completion"):
         import shtab
-    whole = argparse.ArgumentParser(prog="cmfpga")
-    _add_options(whole)
-    commands = whole.add_subparsers()
+    whole = _parser()
+    commands = whole.add_subparsers(prog="cmfpga")
     for name, purpose in COMMANDS.items():
         # The copy has the subcommand's own --help, too.
         commands.add_parser(name, parents=[load(name).parser()], add_help=False, help=purpose)

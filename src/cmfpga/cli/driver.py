@@ -19,13 +19,8 @@ EXAMPLES = (
 def parser():
     """Parser of the arguments of ``cmfpga driver``."""
     made = cli.parser("cmfpga driver", "Check the accelerator: identity, registers, interrupt, a batch.", EXAMPLES)
-    made.add_argument(
-        "--backend",
-        default="simulation",
-        choices=BACKENDS,
-        help="simulation: the emitted Verilog; uio: plain Linux on a board; serial: a board at --port "
-        "(default: simulation)",
-    )
+    text = "simulation: the emitted Verilog; uio: plain Linux on a board; serial: a board at --port"
+    made.add_argument("--backend", default="simulation", choices=BACKENDS, help=f"{text} (default: simulation)")
     made.add_argument("--port", metavar="PORT", help="with serial: such as /dev/ttyUSB0")
     made.add_argument("--baud", type=cli.positive, metavar="N", help="with serial: as it was built (default: 3000000)")
     made.add_argument("--timeout", type=float, default=10.0, metavar="S", help="s that anything may take (default: 10)")

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import sys
 
 import numpy as np
 from tqdm import tqdm
@@ -12,7 +11,7 @@ from ..api.flow import ARRAYS, CSV, ENGINE, FITS, PRESET, Flow, configure, fit_c
 from ..dense.fields import CAMERA, MODELS, check, demo_errors, scene
 from ..dense.window import TABLE, Run
 from ..engines import AXI, ENGINES, open_engine
-from ..errors import naming
+from ..errors import naming, write_text
 from ..events import open_recording
 from ..show.export import ENDINGS, checked_path
 from ..show.flow import SUFFIXES, Page, save
@@ -38,22 +37,17 @@ def parser():
     """Parser of the arguments of ``cmfpga flow``."""
     made = cli.parser("cmfpga flow", "Dense optical flow of a recording, by the simulated hardware.", EXAMPLES)
     cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
-    made.add_argument("--tile", type=cli.positive, metavar="PX", help="size of a tile (default: 32; 48 for HD)")
-    made.add_argument("--step", type=cli.positive, metavar="PX", help="from tile to tile (default: half a tile)")
+    cli.add_tile_options(made)
     text = "windows (one of; default: as many events as suit the motion, chosen anew for each window)"
     size = made.add_argument_group(text).add_mutually_exclusive_group()
     size.add_argument("--window-events", type=cli.positive, metavar="N", help="events of the whole sensor")
     size.add_argument("--window-us", type=cli.positive, metavar="D", help="duration, µs")
-    made.add_argument(
-        "--slices", type=cli.positive, metavar="S",
-        help="windows overlap: a new one with every S-th part of a window; with a length of windows (default: 1)",
-    )  # fmt: skip
+    text = "windows overlap: a new one with every S-th part of a window; with a length of windows (default: 1)"
+    made.add_argument("--slices", type=cli.positive, metavar="S", help=text)
     made.add_argument("--start-event", type=cli.natural, default=0, metavar="K", help="first event (default: 0)")
     made.add_argument("--windows", type=cli.positive, metavar="W", help="stop after W windows (default: at the end)")
-    made.add_argument(
-        "--fit", choices=MODELS,
-        help="fit one motion to the field of each window, and write fit.csv; a rotation needs a calibration",
-    )  # fmt: skip
+    text = "fit one motion to the field of each window, and write fit.csv; a rotation needs a calibration"
+    made.add_argument("--fit", choices=MODELS, help=text)
     made.add_argument(
         "--engine", default=ENGINE, choices=(*ENGINES, AXI),
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as a board has it; "
@@ -88,7 +82,12 @@ def main(arguments=None):
 
 def run(options, known=None):
     """Measure as the options say; with ``known``, a true motion, print no more than how right it is."""
-    with _open(options) as recording:
+    if options.recording is None:
+        cli.require_recording(options, "camera")
+        opened = scene().recording("synthetic scene")
+    else:
+        opened = cli.noted(open_recording(options.recording, **cli.reading(options)))
+    with opened as recording:
         if known:
             check_times(known, recording, options)
         fields = {**ingest_fields(options, recording), **cli.config_changes(options)}
@@ -98,8 +97,7 @@ def run(options, known=None):
             fields["slices"] = options.slices
         how = {"sensor": "--sensor W,H", "time_unit": "--time-unit"}.get
         config, tiles, notes = configure(recording, options.preset, fields, options.tile, options.step, how)
-        for note in notes:
-            print(f"note: {note}", file=sys.stderr)
+        cli.note(*notes)
         config = drop_hot_pixels(options, recording, config, fields)
         if options.fit:
             check(options.fit, config)
@@ -113,21 +111,13 @@ def run(options, known=None):
     return 0
 
 
-def _open(options):
-    if options.recording is not None:
-        return cli.noted(open_recording(options.recording, **cli.reading(options)))
-    cli.require_recording(options, "camera")
-    return scene().recording("synthetic scene")
-
-
 def _measure(options, recording, config, tiles, folder, accuracy=None):
     """Run all windows and write the files: (Flow, list of Path, errors of the demo's tiles)."""
     files, errors, best, page = [folder / CSV], [], None, Page()
     with contextlib.ExitStack() as stack:
         with waiting("Opening the engine"):
             engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
-        if engine.note:
-            print(f"note: {engine.note}", file=sys.stderr)
+        cli.note(engine.note)
         names = ("window_events", "window_us", "start_event", "windows")
         run = Run(recording, engine, tiles, **{name: getattr(options, name) for name in names})
         found = Flow(config, tiles, recording.name, options.engine, options.fit)
@@ -164,24 +154,20 @@ def _measure(options, recording, config, tiles, folder, accuracy=None):
     if best is None:
         raise run.cutter.too_few()
     with waiting("Writing the files"):
-        _save(options, found, folder, files, best, accuracy, page)
+        files.append(folder / ARRAYS)
+        found.save(files[-1])
+        if accuracy:
+            accuracy.finish()
+            files.append(folder / "accuracy.csv")
+            accuracy.save(files[-1])
+        for path in options.export:
+            found.export(path)
+            files.append(path)
+        if not options.no_picture:
+            files += [options.picture or folder / PICTURE, folder / PAGE]
+            save(best, files[-2], _title(best, found))
+            write_text(files[-1], page.render(found))
     return found, files, errors
-
-
-def _save(options, found, folder, files, best, accuracy, page):
-    files.append(folder / ARRAYS)
-    found.save(files[-1])
-    if accuracy:
-        accuracy.finish()
-        files.append(folder / "accuracy.csv")
-        accuracy.save(files[-1])
-    for path in options.export:
-        found.export(path)
-        files.append(path)
-    if not options.no_picture:
-        files += [options.picture or folder / PICTURE, folder / PAGE]
-        save(best, files[-2], _title(best, found))
-        page.save(files[-1], found)
 
 
 def _title(window, found):
@@ -193,13 +179,10 @@ def _title(window, found):
 def _summarise(options, found, files, errors):
     told = found.summary()
     if found.limited:
-        moved = told["moved_px"]
-        print(
-            f"note: some windows would be longer, had the hardware room for more than "
-            f"{found.config.max_batch_events} events: --set max_batch_events=N"
-            + (f"; the image moves by {moved:.1f} px in half of a window, in the median" if moved is not None else ""),
-            file=sys.stderr,
-        )
+        most, moved = found.config.max_batch_events, told["moved_px"]
+        moves = "" if moved is None else f"; the image moves by {moved:.1f} px in half of a window, in the median"
+        text = f"some windows would be longer, had the hardware room for more than {most} events"
+        cli.note(f"{text}: --set max_batch_events=N{moves}")
     if errors:
         every = np.concatenate(errors)
         told["error_px"] = {"median": round(float(np.median(every)), 4), "within_0.5": float((every < 0.5).mean())}
@@ -227,11 +210,9 @@ def _summarise(options, found, files, errors):
             f"{options.clock:g} MHz"
         )
     for fitted in told.get("fits", ()):
-        names = MODELS[options.fit]
         text = ", ".join(
             f"{name} " + ("-" if fitted[name] is None else f"{fitted[name]:.4g} ± {fitted[f'{name}_sd']:.2g}")
-            for name in names
+            for name in MODELS[options.fit]
         )
         print(f"window {fitted['window']}: {text} ({fitted['tiles']} tiles)")
-    for path in files:
-        print(f"wrote {path}")
+    cli.wrote(files)

@@ -29,10 +29,7 @@ EXAMPLES = (
 
 _two = cli.numbers(float, 2, "two numbers, as in 120,-40, are")
 _three = cli.numbers(float, 3, "three numbers, as in 0,0.6,-0.1, are")
-
-
-def _number(text):
-    return cli.numbers(float, 1, "a number is")(text)[0]
+_number = cli.number(float, "a number is")
 
 
 def parser():
@@ -40,35 +37,28 @@ def parser():
     made = cli.parser("cmfpga generate", "Write a synthetic recording whose motion is known, as HDF5.", EXAMPLES)
     cli.files(made.add_argument("out", metavar="FILE", help="file to write (.h5); one that exists is replaced"))
     made.add_argument("--seed", type=cli.natural, default=0, metavar="S", help="equal seeds, equal events (default: 0)")
-    made.add_argument(
-        "--sensor", type=cli.pair("W,H"), default=(240, 180), metavar="W,H", help="sensor size, px (default: 240,180)"
-    )
+    text = "sensor size, px (default: 240,180)"
+    made.add_argument("--sensor", type=cli.pair("W,H"), default=(240, 180), metavar="W,H", help=text)
     made.add_argument("--texture", choices=TEXTURES, default="lines", help="lines: thin bars; dense: a random pattern")
-    made.add_argument(
-        "--size", type=cli.pair("W,H"), metavar="W,H",
-        help="size of the object, px (default: 40,40; with --rotation one and a half times the sensor's)",
-    )  # fmt: skip
-    made.add_argument(
-        "--position", type=_two, metavar="X,Y", help="centre of the object at the start, px (default: the middle)"
-    )
+    text = "size of the object, px (default: 40,40; with --rotation one and a half times the sensor's)"
+    made.add_argument("--size", type=cli.pair("W,H"), metavar="W,H", help=text)
+    text = "centre of the object at the start, px (default: the middle)"
+    made.add_argument("--position", type=_two, metavar="X,Y", help=text)
     made.add_argument("--velocity", type=_two, metavar="VX,VY", help="px/s (default: 100,0)")
     made.add_argument("--zoom", type=_number, default=0.0, metavar="Z", help="growth of the object, 1/s (default: 0)")
-    made.add_argument(
-        "--roll", type=_number, default=0.0, metavar="R", help="turn of the object, rad/s, clockwise (default: 0)"
-    )
+    text = "turn of the object, rad/s, clockwise (default: 0)"
+    made.add_argument("--roll", type=_number, default=0.0, metavar="R", help=text)
     made.add_argument(
         "--rotation", type=_three, metavar="WX,WY,WZ",
         help="the camera turns, rad/s about x (right), y (down), z (forward), in front of what is far away; needs "
         "--camera, and excludes all other motion",
     )  # fmt: skip
     made.add_argument("--bars", type=cli.positive, metavar="N", help="bars of the texture lines (default: by the size)")
-    made.add_argument(
-        "--duration-us", type=cli.positive, default=500_000, metavar="D", help="length, µs (default: 500000)"
-    )
+    text = "length, µs (default: 500000)"
+    made.add_argument("--duration-us", type=cli.positive, default=500_000, metavar="D", help=text)
     made.add_argument("--there-and-back", action="store_true", help="turn round after half of the length")
-    made.add_argument(
-        "--contrast", type=_number, default=1.0, metavar="C", help="events per edge point and pixel moved"
-    )
+    text = "events per edge point and pixel moved"
+    made.add_argument("--contrast", type=_number, default=1.0, metavar="C", help=text)
     made.add_argument("--noise", type=_number, default=0.0, metavar="F", help="noise, as a fraction of all events")
     made.add_argument("--hot-pixels", type=cli.natural, default=0, metavar="N", help="pixels that emit by themselves")
     made.add_argument("--hot-rate", type=_number, default=1000.0, metavar="R", help="of each of them, events/s")
@@ -77,10 +67,8 @@ def parser():
         help="distort the image as this camera does (a file or numbers, as for track), and write its calibration; "
         "position and velocity are those of the undistorted image",
     ))  # fmt: skip
-    made.add_argument(
-        "--repeat", type=cli.positive, default=1, metavar="K",
-        help="the scene K times, one after the other, written in pieces (default: 1)",
-    )  # fmt: skip
+    text = "the scene K times, one after the other, written in pieces (default: 1)"
+    made.add_argument("--repeat", type=cli.positive, default=1, metavar="K", help=text)
     cli.files(made.add_argument(
         "--over", metavar="RECORDING",
         help="add the events of this recording, of a sensor of the same size: several objects, and no true motion in "

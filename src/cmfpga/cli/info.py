@@ -1,6 +1,7 @@
 """``cmfpga info``: what a recording holds, and an ROI and batches that suit it."""
 
 import contextlib
+import itertools
 import json
 import math
 import shlex
@@ -41,16 +42,12 @@ def parser():
     """Parser of the arguments of ``cmfpga info``."""
     made = cli.parser("cmfpga info", "Say what a recording holds, and propose an ROI and batches for it.", EXAMPLES)
     cli.files(made.add_argument("recording", metavar="RECORDING", help="a file of any known format"))
-    made.add_argument(
-        "--start-event", type=cli.natural, metavar="K",
-        help="propose for event K on (default: for the begin, or else the first place where something moves clearly)",
-    )  # fmt: skip
+    text = "propose for event K on (default: for the begin, or else the first place where something moves clearly)"
+    made.add_argument("--start-event", type=cli.natural, metavar="K", help=text)
     made.add_argument("--objects", type=cli.few, default=1, metavar="N", help="propose up to N ROIs (default: 1)")
     made.add_argument("--no-proposal", action="store_true", help="only say what the recording holds")
-    made.add_argument(
-        "--check", type=cli.positive, metavar="B",
-        help="track B batches of each proposal by the integer model (needs torch), and say how far the image moved",
-    )  # fmt: skip
+    text = "track B batches of each proposal by the integer model (needs torch), and say how far the image moved"
+    made.add_argument("--check", type=cli.positive, metavar="B", help=text)
     made.add_argument("--no-frame", action="store_true", help="do not show the events in the terminal")
     cli.files(made.add_argument("--png", metavar="FILE", help="write a picture of the events and the ROIs to FILE"))
     cli.add_recording_options(made)
@@ -77,15 +74,15 @@ def main(arguments=None):
         camera = camera_of(options.recording)
         with waiting("Looking for noise"):
             noise = noise_shares(recording, survey, config, proposals)
-        shown = tqdm(proposals if options.check else [], unit="place", desc="check", disable=None, leave=False)
-        checked = [check(recording, config, found, options.check) for found in shown]
+        told = tqdm(proposals if options.check else [], unit="place", desc="check", disable=None, leave=False)
+        checked = [_check(recording, config, found, options.check) for found in told]
         if options.png is not None:
             draw_survey(options.png, survey, config, proposals)
+    found = options, recording, survey, config, proposals, checked, noise, camera
     if options.json:
-        found = _report(options, recording, survey, config, proposals, checked, noise, camera)
-        print(json.dumps(found, indent=2, ensure_ascii=False))
+        print(json.dumps(_report(*found), indent=2, ensure_ascii=False))
     else:
-        print("\n".join(_text(options, recording, survey, config, proposals, checked, noise, camera)))
+        print("\n".join(_text(*found)))
     if broken is not None:
         raise broken
     return 0
@@ -104,10 +101,10 @@ def _config(options, recording, survey):
     })  # fmt: skip
 
 
-def check(recording, config, proposal, batches):
-    """``[(px, trusted)]`` of each of so many batches at most, as the integer model tracks them; needs torch.
+def _check(recording, config, proposal, batches):
+    """How far the image moves in half of each of so many batches at most, px, and whether that is trusted: two lists.
 
-    px: how far the image moves in half a batch.
+    As the integer model tracks them; needs torch.
     """
     with needs("torch", "reference", "--check"):
         engine = make_engine("model", config.replace(**proposal.fields))
@@ -115,25 +112,18 @@ def check(recording, config, proposal, batches):
         size = {"events": proposal.batch_events, "max_events": engine.config.max_batch_events}
         cutter = BatchCutter(recording, start_event=proposal.start_event, **size)
         tracked = [*track(engine, cutter, roi=proposal.roi, batches=batches)]
-    return [
-        (extent(engine.config, batch.result.v, batch.result.roi), batch.trusted)
-        for batch in tracked
-        if batch.v_px_per_s is not None
-    ]
+    found = [batch for batch in tracked if batch.v_px_per_s is not None]
+    px = [extent(engine.config, batch.result.v, batch.result.roi) for batch in found]
+    return px, [batch.trusted for batch in found]
 
 
-def track_arguments(proposal):
-    """What ``track`` is told for a proposal, as a list of words."""
-    words = ["--roi", "{},{}".format(*proposal.roi), "--batch-events", str(proposal.batch_events)]
+def _command(options, proposal, recording, config):
+    words = ["cmfpga", "track", options.recording, "--roi", "{},{}".format(*proposal.roi)]
+    words += ["--batch-events", str(proposal.batch_events)]
     if proposal.start_event:
         words += ["--start-event", str(proposal.start_event)]
     for name, value in proposal.fields.items():
         words += ["--set", f"{name}={value}"]
-    return words
-
-
-def _command(options, proposal, recording, config):
-    words = ["cmfpga", "track", options.recording, *track_arguments(proposal)]
     for name, option in cli.READING.items():
         if (value := getattr(options, name)) is not None:
             words += [option, value if isinstance(value, str) else "{},{}".format(*value)]
@@ -158,13 +148,8 @@ def camera_of(path):
 def noise_shares(recording, survey, config, proposals):
     """What the filters in front of the ROI would drop of the recording's first events, and the options that say so.
 
-    Background activity: what no other pixel of the cell supports in the time in which the image of the first proposal
-    moves by a cell.
-
-    Returns
-    -------
-    dict of str to float
-        ``{options of track: share}``; empty where neither filter has a reason.
+    ``{options of track: share}``, empty where neither filter has a reason. Background activity: what no other pixel of
+    the cell supports in the time in which the image of the first proposal moves by a cell.
     """
     hot, found, fields = survey.hot_pixels(), {}, {}
     if hot:
@@ -211,16 +196,9 @@ def _report(options, recording, survey, config, proposals, checked, noise, camer
                 "px_per_half_batch": found.px,
                 "reason": found.reason,
                 "command": _command(options, found, recording, config),
-                **(
-                    {
-                        "checked_px_per_half_batch": [px for px, _ in checked[k]],
-                        "checked_trusted": [trusted for _, trusted in checked[k]],
-                    }
-                    if checked
-                    else {}
-                ),
+                **dict(zip(("checked_px_per_half_batch", "checked_trusted"), tracked, strict=False)),
             }
-            for k, found in enumerate(proposals)
+            for found, tracked in itertools.zip_longest(proposals, checked, fillvalue=())
         ],
     }
 
@@ -230,8 +208,8 @@ def _text(options, recording, survey, config, proposals, checked, noise, camera)
     rows, columns = survey.counts.shape
     sensor = f"{recording.width}×{recording.height} px"
     if recording.width is None:
-        sensor = f"not said; the events cover {columns}×{rows} px"
-        sensor += f": taking {config.sensor_width}×{config.sensor_height} px; say it with --sensor W,H"
+        taken = f"taking {config.sensor_width}×{config.sensor_height} px; say it with --sensor W,H"
+        sensor = f"not said; the events cover {columns}×{rows} px: {taken}"
     source = {"given": "given", "file": "the format or the file says so", "assumed": "guessed"}
     span = survey.span_us / 1e6
     yield f"{options.recording}: {recording.format}"
@@ -272,14 +250,12 @@ def _text(options, recording, survey, config, proposals, checked, noise, camera)
             f"at rest; {found.roi_events:,} of a batch's events in the ROI."
         )
         if "thinning" in found.fields:
-            yield (
-                f"  The buffer holds {config.buffer_events:,}, so one in {found.fields['thinning']} is taken, evenly "
-                "(thinning)."
-            )
+            one = f"one in {found.fields['thinning']} is taken, evenly (thinning)"
+            yield f"  The buffer holds {config.buffer_events:,}, so {one}."
         if "max_batch_events" in found.fields:
             yield "  The hardware has to count further than by default (max_batch_events)."
-        if checked and checked[k]:
-            px, trusted = zip(*checked[k], strict=True)
+        px, trusted = checked[k] if checked else ((), ())
+        if px:
             yield (
                 f"  Checked: in {len(px)} batches the integer model found {statistics.median(px):.1f} px per half "
                 f"batch (median; {min(px):.1f} to {max(px):.1f}); {sum(trusted)} are to be trusted."

@@ -1,18 +1,17 @@
 """The options of what is in front of the ROI, filters and undistortion, and the fields that they ask for."""
 
 import re
-import sys
 
+from .. import cli
 from ..config import preset
 from ..errors import ConfigError, naming
 from ..imaging.camera import camera_fields
 from ..tracking.source import rotation_fields
-from . import config_changes, files, natural
 
 
 def add_ingest_options(made):
     """``--camera``, ``--hot-pixels`` and ``--background-us``, for :func:`ingest_fields`."""
-    files(made.add_argument(
+    cli.files(made.add_argument(
         "--camera", metavar="FILE",
         help="undistort events as this calibration says, so that ROI and velocity are in the undistorted image: HDF5 "
         "with /camera_calibration (often the recording itself), a ROS camera_info YAML, or a text of fx fy cx cy k1 k2 "
@@ -24,15 +23,13 @@ def add_ingest_options(made):
         help="drop the events of these pixels: those that a reading of the recording finds (the default of files; a "
         "stream has none), or these, or those of a file, X,Y in each line; none: of no pixel",
     )  # fmt: skip
-    group.add_argument(
-        "--background-us", type=natural, metavar="D",
-        help="drop events without one of another pixel of their cell (2^background_cell px wide) in the D µs before",
-    )  # fmt: skip
+    text = "drop events without one of another pixel of their cell (2^background_cell px wide) in the D µs before"
+    group.add_argument("--background-us", type=cli.natural, metavar="D", help=text)
 
 
 def ingest_fields(options, recording):
     """The fields that the options ask for; ``recording`` is read where they say ``auto``."""
-    given = config_changes(options)
+    given = cli.config_changes(options)
     fields = camera_fields(options.camera, recording) if options.camera is not None else {}
     motion = given.get("motion", preset(options.preset).motion)
     fields |= rotation_fields(recording, motion, {**fields, **given}, "--camera FILE")
@@ -49,10 +46,9 @@ def drop_hot_pixels(options, recording, config, fields):
     """``config`` without the recording's hot pixels, unless ``fields`` or ``--set`` name some; a note says which."""
     from ..imaging.survey import usual_survey, without_hot_pixels
 
-    survey = usual_survey(recording, options.engine, {**fields, **config_changes(options)})
+    survey = usual_survey(recording, options.engine, {**fields, **cli.config_changes(options)})
     config, note = without_hot_pixels(config, survey, "--hot-pixels none")
-    if note:
-        print(f"note: {note}", file=sys.stderr)
+    cli.note(note)
     return config
 
 

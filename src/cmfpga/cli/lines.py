@@ -3,6 +3,7 @@
 import json
 import sys
 
+from . import wrote
 from .truth import accuracy_lines
 
 
@@ -54,20 +55,10 @@ def print_remarks(objects):
 
 
 def print_summary(objects, *, engine, cycles, clock, as_json, counts):
-    """Print what a track found.
+    """Print what a track of a list of TrackedObject found.
 
-    Parameters
-    ----------
-    objects : list of TrackedObject
-    engine : str
-        Its name.
-    cycles : list of int
-        Clock cycles of each batch, of all objects together; empty of an engine without a clock.
-    clock : float
-        Assumed clock, MHz.
-    as_json : bool
-    counts : dict or None
-        Of a stream what came of its events, as :meth:`cmfpga.events.LiveSource.counts` tells it.
+    ``engine`` is its name, ``cycles`` of each batch are those of all objects together, none of an engine without a
+    clock, ``clock`` is in MHz, ``counts`` of a stream as :meth:`cmfpga.events.LiveSource.counts` tells it, or None.
     """
     names = [f"{one.name}: " * bool(one.name) for one in objects]
     print_remarks(objects)
@@ -103,16 +94,15 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
         else:
             waited = f"the sender was held up for {counts['held_up_s']:g} s"
         print(f"{counts['received']} events came, {counts['lost']} were dropped; {waited}")
-        for name, what in (("out_of_sensor", "lay outside the sensor"), ("not_tracked", "were not tracked any more")):
+        for name, what in (
+            ("out_of_sensor", "events lay outside the sensor"),
+            ("not_tracked", "events were not tracked any more"),
+            ("before_time", "events came before the first time word and were left out"),
+            ("wrong_times", "time words were wrong and were left out"),
+        ):
             if counts[name]:
-                print(f"{counts[name]} events {what}")
-        if counts["before_time"]:
-            print(f"{counts['before_time']} events came before the first time word and were left out")
-        if counts["wrong_times"]:
-            print(f"{counts['wrong_times']} time words were wrong and were left out")
+                print(f"{counts[name]} {what}")
     for name, one in zip(names, objects, strict=True):
         for line in accuracy_lines(one.accuracy) if one.accuracy else ():
             print(f"{name}{line}")
-    for one in objects:
-        for path in one.files:
-            print(f"wrote {path}")
+    wrote(path for one in objects for path in one.files)

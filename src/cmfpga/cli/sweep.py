@@ -2,7 +2,7 @@
 
 import importlib.util
 import json
-import sys
+from math import inf
 
 from tqdm import tqdm
 
@@ -27,30 +27,22 @@ def parser():
         "recordings", nargs="+", metavar="RECORDING[@X,Y]",
         help="a recording, and its ROI's left column and top row, px; one with several ROIs is several objects",
     )  # fmt: skip
-    made.add_argument(
-        "--vary", nargs="+", action="extend", default=[], metavar="FIELD=A,B,…",
-        help="values of a field, or of preset; with several fields all combinations",
-    )  # fmt: skip
-    made.add_argument(
-        "--roi", type=cli.pair("X,Y"), metavar="X,Y", help="ROI of the recordings that have none behind an @"
-    )
+    text = "values of a field, or of preset; with several fields all combinations"
+    made.add_argument("--vary", nargs="+", action="extend", default=[], metavar="FIELD=A,B,…", help=text)
+    text = "ROI of the recordings that have none behind an @"
+    made.add_argument("--roi", type=cli.pair("X,Y"), metavar="X,Y", help=text)
     cli.add_batch_options(made, "as long as suits the motion")
-    made.add_argument(
-        "--batches", type=cli.positive, metavar="B", help="stop each after B batches (default: at the end)"
-    )
+    text = "stop each after B batches (default: at the end)"
+    made.add_argument("--batches", type=cli.positive, metavar="B", help=text)
     made.add_argument("--engine", default="rtl", choices=ENGINES, help="as of track (default: rtl)")
     cli.add_recording_options(made)
     where = made.add_mutually_exclusive_group()
-    where.add_argument(
-        "--workers", type=cli.natural, metavar="W",
-        help="processes of a local Dask cluster; 0: a thread of this one (default: one per processor)",
-    )  # fmt: skip
-    where.add_argument(
-        "--scheduler", metavar="ADDRESS", help="use the workers of this Dask scheduler, as tcp://head:8786"
-    )
-    made.add_argument(
-        "--resources", action="store_true", help="estimate each hardware's resources by Yosys (minutes each)"
-    )
+    text = "processes of a local Dask cluster; 0: a thread of this one (default: one per processor)"
+    where.add_argument("--workers", type=cli.natural, metavar="W", help=text)
+    text = "use the workers of this Dask scheduler, as tcp://head:8786"
+    where.add_argument("--scheduler", metavar="ADDRESS", help=text)
+    text = "estimate each hardware's resources by Yosys (minutes each)"
+    made.add_argument("--resources", action="store_true", help=text)
     made.add_argument("--out", default="cmfpga-sweep", metavar="DIR", help="folder for results, and to go on from")
     made.add_argument("--json", action="store_true", help="print the ranking as JSON")
     cli.add_config_options(made)
@@ -60,42 +52,29 @@ def parser():
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
-    _require("pandas", "pyarrow", "distributed")
+    for package in ("pandas", "pyarrow", "distributed"):
+        if importlib.util.find_spec(package) is None:
+            raise ConfigError(f"sweep: {package} is not installed; pip install 'cmfpga[sweep]'")
     if options.resources:
         from ..fpga import resources
 
         resources.require_yosys()
-    run = Run(
-        engine=options.engine,
-        size=cli.batch_size(options),
-        start_event=options.start_event,
-        batches=options.batches,
-        sensor=options.sensor,
-        time_unit=options.time_unit,
-    )
+    names = ("engine", "start_event", "batches", "sensor", "time_unit")
+    run = Run(size=cli.batch_size(options), **{name: getattr(options, name) for name in names})
     choices, skipped = plan.choices(options.preset, options.assignments, options.vary)
     if skipped:
         total = len(choices) + len(skipped)
-        print(f"note: {len(skipped)} of {total} combinations are skipped, as {skipped[0]}", file=sys.stderr)
+        cli.note(f"{len(skipped)} of {total} combinations are skipped, as {skipped[0]}")
     subjects = plan.subjects(options.recordings, options.roi, run)
     rows = plan.rows(subjects, choices, run)
     if not any(row.task for row in rows):
         raise ConfigError(rows[0].problem)
     for subject in subjects:
-        if subject.note:
-            print(f"note: {subject.note}", file=sys.stderr)
-        if hot := choices[0].hot_note(subject):
-            print(f"note: {subject.name}: {hot}", file=sys.stderr)
-        if subject.size_note and "sensor_width" not in choices[0].changes:
-            print(f"note: {subject.size_note}", file=sys.stderr)
+        hot = choices[0].hot_note(subject)
+        size = "" if "sensor_width" in choices[0].changes else subject.size_note
+        cli.note(subject.note, hot and f"{subject.name}: {hot}", size)
     with cli.locked(options.out) as folder:
         return _sweep(options, run, rows, folder)
-
-
-def _require(*packages):
-    missing = [name for name in packages if importlib.util.find_spec(name) is None]
-    if missing:
-        raise ConfigError(f"sweep: {missing[0]} is not installed; pip install 'cmfpga[sweep]'")
 
 
 def _sweep(options, run, rows, folder):
@@ -120,12 +99,10 @@ def _sweep(options, run, rows, folder):
             _run(where, run_task, left, tracked, done, folder, "row")
             _run(where, estimate_resources, unknown, estimated, known, folder, "hardware")
     outcomes = [done[row.task.key] if row.task else {"status": "failed", "reason": row.problem} for row in rows]
-    for note in dict.fromkeys(outcome.get("note") for outcome in outcomes):
-        if note:
-            print(f"note: {note}", file=sys.stderr)
+    cli.note(*dict.fromkeys(outcome.get("note") for outcome in outcomes))
     by_hash = {key: known[f"{key}-{version()}"] for key in hardware}
     for reason in dict.fromkeys(outcome["reason"] for outcome in by_hash.values() if outcome["status"] != "ok"):
-        print(f"note: no resources: {reason}", file=sys.stderr)
+        cli.note(f"no resources: {reason}")
     return _report(options, tables, run, rows, outcomes, by_hash, folder, kept)
 
 
@@ -156,7 +133,10 @@ def _report(options, tables, run, rows, outcomes, estimates, folder, kept):
             "kept": kept,
             "without_result": failed,
             "reasons": sorted(set(bad["reason"])),
-            "ranking": [{**entry, "error_px": _finite(entry["error_px"])} for entry in ranked],
+            # JSON has no infinity.
+            "ranking": [
+                entry | {"error_px": None if entry["error_px"] == inf else entry["error_px"]} for entry in ranked
+            ],
             "files": paths,
         }
         print(json.dumps(summary, indent=2, ensure_ascii=False))
@@ -168,12 +148,7 @@ def _report(options, tables, run, rows, outcomes, estimates, folder, kept):
         best = frame[frame["configuration"] == ranked[0]["configuration"]]
         for recording, verdict in zip(best["recording"], best["verdict"].fillna("no result"), strict=True):
             print(f"{recording}: {verdict}")
-        print(*(f"wrote {path}" for path in paths), sep="\n")
+        cli.wrote(paths)
     if failed == len(frame):
         raise ConfigError(f"no row has a result: {outcomes[0]['reason']}")
     return 0
-
-
-def _finite(value):
-    """JSON has no infinity."""
-    return None if value is None or value == float("inf") else value

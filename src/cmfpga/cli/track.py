@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import functools
 import re
 import signal
 import sys
@@ -62,9 +61,8 @@ def parser():
     """Parser of the arguments of ``cmfpga track``."""
     made = cli.parser("cmfpga track", "Follow an object through a recording of events.", EXAMPLES)
     add_tracking_options(made)
-    made.add_argument(
-        "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
-    )
+    text = "folder for the files (default: %(default)s)"
+    made.add_argument("--out", default="cmfpga-track", metavar="DIR", help=text)
     pictures = made.add_mutually_exclusive_group()
     pictures.add_argument("--no-picture", action="store_true", help="write track.csv only")
     cli.files(pictures.add_argument(
@@ -79,15 +77,10 @@ def parser():
     ))  # fmt: skip
     made.add_argument("--report", action="store_true", help="write report.html, and track.npz for cmfpga report")
     cli.add_clock_option(made)
-    made.add_argument(
-        "--wave",
-        type=cli.natural,
-        metavar="BATCH",
-        help="write the waveforms of that batch: VCD, GTKWave and Surfer files",
-    )
-    made.add_argument(
-        "--json", action="store_true", help="print a summary as JSON; of a stream, a line per batch, and one at the end"
-    )
+    text = "write the waveforms of that batch: VCD, GTKWave and Surfer files"
+    made.add_argument("--wave", type=cli.natural, metavar="BATCH", help=text)
+    text = "print a summary as JSON; of a stream, a line per batch, and one at the end"
+    made.add_argument("--json", action="store_true", help=text)
     add_truth_options(made)
     cli.add_config_options(made, None, USUAL_PRESET)
     return made
@@ -111,34 +104,28 @@ def add_tracking_options(made):
         f"{BATCH_EVENTS} where the confidence is not measured, as with --preset paper",
     )  # fmt: skip
     cli.add_window_options(made)
+    text = "stop after B batches, or windows (default: at the end)"
+    made.add_argument("--batches", type=cli.positive, metavar="B", help=text)
     made.add_argument(
-        "--batches", type=cli.positive, metavar="B", help="stop after B batches, or windows (default: at the end)"
-    )
-    made.add_argument(
-        "--engine",
-        default="rtl",
-        type=cli.checked(engine_name),
-        choices=cli.Proposals((*ENGINES, AXI)),
+        "--engine", default="rtl", type=cli.checked(engine_name), choices=cli.Proposals((*ENGINES, AXI)),
         metavar="{" + ",".join((*ENGINES, AXI, f"{SERIAL}:PORT")) + "}",
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
         "model: the same in integers (needs torch); float: the article's equations (needs torch); "
         "serial:PORT: a board at a serial port, such as /dev/ttyUSB0 (default: rtl)",
-    )
+    )  # fmt: skip
     add_ingest_options(made)
     cli.add_recording_options(made)
     cli.add_layout_options(made)
-    made.add_argument(
-        "--drop", action="store_true", help="of a stream: drop events that come too fast, do not hold the sender up"
-    )
+    text = "of a stream: drop events that come too fast, do not hold the sender up"
+    made.add_argument("--drop", action="store_true", help=text)
 
 
 def _roi_option(text):
     """``(name or None, (x, y) or None)`` of ``[NAME=]X,Y`` or ``[NAME=]auto``."""
     name, equals, place = text.rpartition("=")
     if equals and not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,39}", name):
-        raise argparse.ArgumentTypeError(
-            f"{text[:60]!r}: a name of letters, digits, '-' and '_' is needed before the '='"
-        )
+        needed = "a name of letters, digits, '-' and '_' is needed before the '='"
+        raise argparse.ArgumentTypeError(f"{text[:60]!r}: {needed}")
     return name or None, None if place == "auto" else cli.pair("X,Y")(place)
 
 
@@ -155,11 +142,10 @@ def run(options, known=None):
             cli.config_changes(options), batches=bool(cli.batch_size(options)) or options.wave is not None,
             engine=options.engine, objects=max(len(options.roi or ()), options.objects or 1),
         )  # fmt: skip
-        if note:
-            print(f"note: {note}", file=sys.stderr)
+        cli.note(note)
     with contextlib.ExitStack() as stack:
         if options.recording is not None and is_live(options.recording):
-            stack.enter_context(_terminated())
+            stack.enter_context(_handled(signal.default_int_handler, signal.SIGTERM))  # as Ctrl-C
             preload(options.engine)
         truth, recording = _open(options)
         stack.enter_context(recording)
@@ -168,23 +154,24 @@ def run(options, known=None):
             check_times(known, recording, options)
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
-        fields = {**_sensor_fields(options, recording), **demo, **ingest_fields(options, recording)}
-        fields |= cli.window_fields(options)
+        changes = cli.config_changes(options)
+        sensor, note = sensor_fields(recording, changes, lambda: cli.make_config(options), "--sensor W,H")
+        cli.note(unit_note(recording, "--time-unit"), note)
+        fields = {**sensor, **demo, **ingest_fields(options, recording), **cli.window_fields(options)}
         config = drop_hot_pixels(options, recording, cli.make_config(options, **fields), fields)
-        if note := binning_note(config, cli.config_changes(options)):
-            print(f"note: {note}", file=sys.stderr)
+        cli.note(binning_note(config, changes))
         objects = _objects(options, truth, config)
         if len(objects) > 1:
-            config = with_rows(config, len(objects), cli.config_changes(options))
+            config = with_rows(config, len(objects), changes)
         _choose(options, objects, recording, config)
         config, cutter = _prepare(options, objects, config, recording)
-        found = []
+        beside = []
         for one in objects:
             one.config, one.cutter = config, cutter
             one.accuracy = known and accuracy_of(options, known, config, recording)
             if truth and not options.json:
-                found.append(Truth(truth.motion))
-                one.consumers.append(found[-1])
+                beside.append(Truth(truth.motion))
+                one.consumers.append(beside[-1])
             if isinstance(recording, LiveSource):
                 one.consumers.append(Lines(options.json, one.name))
         with cli.locked(options.out) as folder:
@@ -202,31 +189,15 @@ def run(options, known=None):
             print_summary(objects, engine=name, cycles=cycles, clock=options.clock, as_json=options.json, counts=counts)
         if broken:
             raise broken
-    for lines in found:
+    for lines in beside:
         print("\n".join(lines.shown(config)))
     return 0
 
 
 @contextlib.contextmanager
-def _terminated():
-    """SIGTERM ends a stream as Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextlib.contextmanager
-def _stopped(recording):
-    """Ctrl-C or SIGTERM ends a stream after what was taken of it; a second one at once."""
-
-    def stop(*_):
-        for number in before:
-            signal.signal(number, signal.default_int_handler)
-        recording.stop()
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+def _handled(handler, *signals):
+    """Meanwhile ``handler`` is called of these signals."""
+    before = {number: signal.signal(number, handler) for number in signals}
     try:
         yield
     finally:
@@ -234,27 +205,27 @@ def _stopped(recording):
             signal.signal(number, handler)
 
 
-def _quiet(name, seconds):
-    print(f"note: {name}: nothing has come for {seconds} s", file=sys.stderr, flush=True)
+def _stopped(recording):
+    """Ctrl-C or SIGTERM ends a stream after what was taken of it; a second one at once."""
+
+    def stop(*_):
+        for number in both:
+            signal.signal(number, signal.default_int_handler)
+        recording.stop()
+
+    both = signal.SIGINT, signal.SIGTERM
+    return _handled(stop, *both)
 
 
 def _open(options):
     """The true motion (or None) and the recording."""
     if options.recording is not None:
-        how = {"drop": options.drop, "quiet": functools.partial(_quiet, options.recording)}
-        return None, cli.noted(open_source(options.recording, **how, **cli.reading(options)))
+        name = options.recording
+        how = {"drop": options.drop, "quiet": lambda s: cli.note(f"{name}: nothing has come for {s} s")}
+        return None, cli.noted(open_source(name, **how, **cli.reading(options)))
     cli.require_recording(options, "drop", "truth")
     scene = generate(**DEMO_SCENE)
     return scene, scene.recording("synthetic scene")
-
-
-def _sensor_fields(options, recording):
-    """The recording's sensor, unless ``--set`` says otherwise; with an ROI that fits it."""
-    changes = cli.config_changes(options)
-    fields, note = sensor_fields(recording, changes, lambda: cli.make_config(options), "--sensor W,H")
-    for told in filter(None, (unit_note(recording, "--time-unit"), note)):
-        print(f"note: {told}", file=sys.stderr)
-    return fields
 
 
 def _objects(options, truth, config):
@@ -296,7 +267,7 @@ def _choose(options, objects, recording, config):
     for one, found in zip(wanted, proposals, strict=True):
         one.roi, one.proposal = found.roi, found
         text = found.text if len(objects) == 1 else f"ROI {one.roi[0]},{one.roi[1]}: {found.reason}"
-        print(f"note: {one.named('track')}: {text}", file=sys.stderr)
+        cli.note(f"{one.named('track')}: {text}")
     options.start_event = proposals[0].start_event
 
 
@@ -314,11 +285,10 @@ def _prepare(options, objects, config, recording):
         fastest = min((one.proposal for one in objects), key=lambda proposal: proposal.batch_events)
         first, config = fastest.batch_events, fastest.suited(config, cli.config_changes(options))
         if len(objects) > 1:
-            print(f"note: {first} events in the first batch, from event {options.start_event} on", file=sys.stderr)
+            cli.note(f"{first} events in the first batch, from event {options.start_event} on")
     limit = config.max_batch_events
-    for mode in ("events", "roi_events"):
+    for mode, option in (("events", "--batch-events"), ("roi_events", "--batch-roi-events")):
         if size.get(mode, 0) > limit:
-            option = f"--batch-{mode.replace('_', '-')}"
             raise ConfigError(f"{option} {size[mode]}: at most {limit} is allowed (max_batch_events)")
     usual = BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS
     return config, batch_cutter(recording, config, start_event=options.start_event, first=first, usual=usual, **size)
@@ -330,15 +300,13 @@ def _track(options, objects, recording, folder, motion):
     if options.wave is not None and config.regions:
         raise ConfigError("--wave: waveforms are those of a core of one ROI; one --roi, and no regions, are needed")
     if options.wave is not None and options.batches and options.wave >= options.batches:
-        raise ConfigError(
-            f"--wave {options.wave}: 0 to {options.batches - 1} is needed with --batches {options.batches}"
-        )
+        least = f"0 to {options.batches - 1} is needed with --batches {options.batches}"
+        raise ConfigError(f"--wave {options.wave}: {least}")
     pictures = [] if options.no_picture else options.picture or [folder / "track.png"]
     with contextlib.ExitStack() as stack:
         with waiting("Opening the engine"):
             engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
-        if engine.note:
-            print(f"note: {engine.note}", file=sys.stderr)
+        cli.note(engine.note)
         for one in objects:
             one.collect(
                 stack, folder, recording=recording.name, motion=motion, engine=options.engine, wave=options.wave,
@@ -366,7 +334,7 @@ def _track(options, objects, recording, folder, motion):
     if live:
         recording.close()  # what comes while files are written is not counted
         if recording.stopped:
-            print("note: interrupted; this is the end of the stream", file=sys.stderr)
+            cli.note("interrupted; this is the end of the stream")
     _check(objects)
     with waiting("Writing the files"):
         for one in objects:
@@ -376,13 +344,13 @@ def _track(options, objects, recording, folder, motion):
 
 def _check(objects):
     """Raise where there is nothing to tell of any object; of some of several, warn."""
-    problems = []
+    problems = {}
     for one in objects:
         try:
             one.check()
         except ConfigError as error:
-            problems.append((one.name, error))
+            problems[one.name] = error
     if len(problems) == len(objects):
-        raise problems[0][1]
-    for name, error in problems:
+        raise problems[objects[0].name]
+    for name, error in problems.items():
         print(f"warning: {name}: {error}", file=sys.stderr)

@@ -20,34 +20,26 @@ def add_truth_options(made, usual=""):
         "IMU), or t px py pz qx qy qz qw (poses), or with names and units in its first line; or a recording of cmfpga "
         "generate; or, of tiles of flow, a flow field: a folder of DSEC, .npz of MVSEC, HDF5" + usual,
     ))  # fmt: skip
-    group.add_argument(
-        "--truth-unit", choices=("s", "ms", "us", "ns"),
-        help="unit of its times (default: what it says; else s, if one has a fraction, and µs if none has)",
-    )  # fmt: skip
+    text = "unit of its times (default: what it says; else s, if one has a fraction, and µs if none has)"
+    group.add_argument("--truth-unit", choices=("s", "ms", "us", "ns"), help=text)
     group.add_argument(
         "--delay", type=_delay, default="auto", metavar="S|auto",
         help="what happens at t of the recording stands at t + S of the truth, s; auto: fitted, within "
         f"±{REACH_S:g} s (default: auto)",
     )  # fmt: skip
-    group.add_argument(
-        "--depth",
-        type=_depth,
-        metavar="M",
-        help="of poses: distance of what is seen, m (default: unknown; only what is across the camera's way counts)",
-    )
+    text = "of poses: distance of what is seen, m (default: unknown; only what is across the camera's way counts)"
+    group.add_argument("--depth", type=_depth, metavar="M", help=text)
+
+
+_seconds = cli.number(float, "auto, or a number of seconds, is", lambda value: abs(value) <= 1e9)
 
 
 def _delay(text):
-    if text == "auto":
-        return text
-    value = cli.numbers(float, 1, "auto, or a number of seconds, is")(text)[0]
-    if not abs(value) <= 1e9:
-        raise argparse.ArgumentTypeError(f"{text!r}: auto, or a number of seconds, is needed")
-    return value
+    return text if text == "auto" else _seconds(text)
 
 
 def _depth(text):
-    value = cli.numbers(float, 1, "a number of metres is")(text)[0]
+    value = cli.number(float, "a number of metres is")(text)
     if not 0 < value < 1e9:
         raise argparse.ArgumentTypeError(f"{text!r}: a number of metres above 0 is needed")
     return value
@@ -97,8 +89,7 @@ def print_accuracy(found, files, as_json, what="batch"):
     for name, one in found.items():
         for line in accuracy_lines(one, what):
             print(f"{name}: {line}" if name else line)
-    for path in files:
-        print(f"wrote {path}")
+    cli.wrote(files)
 
 
 def accuracy_lines(accuracy, what="batch"):
@@ -133,10 +124,8 @@ def accuracy_lines(accuracy, what="batch"):
     if one["peak"]:
         rows += [(f"RMS {k}, of the truth's peak", "%", lambda n, k=k: n["rms_percent_of_peak"][k]) for k in one["rms"]]
         rows.append(("the truth's peak", unit, lambda n: n["peak"]))
-        rows += [
-            (f"|error|/|truth|, {k}", "%", lambda n, k=k: n["relative"] and 100 * n["relative"][k])
-            for k in one["relative"]
-        ]
+        relative = [(k, lambda n, k=k: n["relative"] and 100 * n["relative"][k]) for k in one["relative"]]
+        rows += [(f"|error|/|truth|, {k}", "%", value) for k, value in relative]
     rows.append(("FWL, flow warp loss", "times", lambda n: n["fwl"]))
     names = ("trusted", "all")[-len(both) :]
     lines.append(f"{'':46}{''.join(f'{name:>10}' for name in names)}")

@@ -53,9 +53,6 @@ class _Bag:
             for topic, kind in ((VELOCITY, _TWIST), (TRUSTED, "std_msgs/msg/Bool"))
         )
 
-    def _made(self, name, *fields):
-        return self._types[name](*fields)
-
     def add(self, batch):
         """Write a batch: whether it is trusted, and its velocity unless it is degenerate; nothing without events."""
         values = batch.values
@@ -64,8 +61,7 @@ class _Bag:
         ns = int(2 * values["t_ref_us"]) * 500  # t_ref may be half a µs; times of today as float64 ns are inexact
         if ns >= 2**31 * 10**9:
             raise ConfigError(f"time {values['t_ref_us']:.0f} µs: ROS has times up to 2^31 s; see --time-unit")
-        told = self._made("std_msgs/msg/Bool", bool(values["trusted"]))
-        self._write(self._trusted, ns, told)
+        self._write(self._trusted, ns, self._types["std_msgs/msg/Bool"](bool(values["trusted"])))
         if values["vx_px_per_s"] is not None:
             self._write(self._velocity, ns, self._twist(batch, ns))
 
@@ -79,15 +75,15 @@ class _Bag:
         if found:
             xx, yy, xy = np.array(found) * (2 * self._config.pixel / (batch.result.span * 1e-6)) ** 2
             matrix[:2, :2] = [[xx, xy], [xy, yy]]
-        stamp = self._made("builtin_interfaces/msg/Time", *divmod(ns, 10**9))
-        header = self._made("std_msgs/msg/Header", *[0] * self._ros1, stamp, self._config.image or "sensor")
+        types = self._types
+        stamp = types["builtin_interfaces/msg/Time"](*divmod(ns, 10**9))
+        header = types["std_msgs/msg/Header"](*[0] * self._ros1, stamp, self._config.image or "sensor")
         vectors = (
-            self._made("geometry_msgs/msg/Vector3", *(float(values.get(name) or 0) for name in names))
+            types["geometry_msgs/msg/Vector3"](*(float(values.get(name) or 0) for name in names))
             for names in (("vx_px_per_s", "vy_px_per_s", ""), ("wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"))
         )
-        twist = self._made("geometry_msgs/msg/Twist", *vectors)
-        whole = self._made("geometry_msgs/msg/TwistWithCovariance", twist, matrix.ravel())
-        return self._made(_TWIST, header, whole)
+        twist = types["geometry_msgs/msg/Twist"](*vectors)
+        return types[_TWIST](header, types["geometry_msgs/msg/TwistWithCovariance"](twist, matrix.ravel()))
 
 
 #: The arrow of a velocity is the way in so many seconds.
@@ -175,17 +171,8 @@ def placed(path):
 def exported(path, config):
     """What takes the batches of a track, ``add(batch)``, and writes them to ``path``.
 
-    Parameters
-    ----------
-    path : str or Path
-        One of :data:`TRACK`: MCAP, a bag of ROS 1, a recording of rerun, or the folder of a bag of ROS 2. A file is
-        replaced, a folder must not be there yet.
-    config : Config
-
-    Raises
-    ------
-    ConfigError
-        The path cannot be written, or a package is missing.
+    It ends as one of :data:`TRACK`: MCAP, a bag of ROS 1, a recording of rerun, or the folder of a bag of ROS 2. A file
+    is replaced, a folder must not be there yet. :exc:`ConfigError`: it cannot be written, or a package is missing.
     """
     path = checked_path(path, TRACK)
     with placed(path) as made, TRACK[path.suffix.lower()](made, config) as writer:
@@ -195,16 +182,7 @@ def exported(path, config):
 def export_flow(flow, path):
     """Write a :class:`~cmfpga.api.flow.Flow`: ``.npz`` of MVSEC, or a folder of DSEC, as ``path`` ends.
 
-    Parameters
-    ----------
-    flow : Flow
-    path : str or Path
-        A file is replaced, a folder must not be there yet.
-
-    Raises
-    ------
-    ConfigError
-        The path cannot be written.
+    A file is replaced, a folder must not be there yet. :exc:`ConfigError`: it cannot be written.
     """
     path = checked_path(path, ENDINGS)
     with placed(path) as made:
@@ -212,14 +190,9 @@ def export_flow(flow, path):
 
 
 class _Pixels:
-    """Flow of each pixel, window by window.
+    """Flow of each pixel, window by window, on a sensor of ``shape`` (rows, columns).
 
-    Attributes
-    ----------
-    shape : (int, int)
-        Rows and columns of the sensor.
-    times : int64 array [W, 2]
-        First and last event of each window, µs.
+    ``times`` are those of the first and last event of each window, µs, int64 [W, 2].
     """
 
     def __init__(self, flow):

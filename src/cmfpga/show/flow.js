@@ -83,12 +83,7 @@ function drawSure(one) {
     paper.fillRect(left, top, width, height);
     if (one.trusted[k] || one.tiles[k][3] === "") return;
     paper.strokeStyle = "#ffffff";
-    paper.beginPath();
-    paper.moveTo(left, top);
-    paper.lineTo(left + width, top + height);
-    paper.moveTo(left + width, top);
-    paper.lineTo(left, top + height);
-    paper.stroke();
+    paper.stroke(new Path2D(`M${left} ${top}l${width} ${height}m${-width} 0l${width} ${-height}`));
   });
   const count = one.trusted.reduce((sum, value) => sum + value, 0);
   $("share").textContent = `${count} of ${corners.length} tiles are to be trusted`;

@@ -1,16 +1,15 @@
 """Flow as a picture of each window, and as a page of all windows, or as many as it can hold."""
 
-import html
 import zlib
 
 import numpy as np
 
 from ..dense.window import TABLE
-from ..errors import naming, write_text
+from ..errors import naming
 from ..tracking.kept import BUDGET, FRAME_SIZE
 from .export import nearest_tile
 from .gallery import DPI, check_suffix
-from .page import asset, fill, shown_name
+from .page import fill, shown_name
 
 #: What a picture can be written as.
 SUFFIXES = (".png", ".pdf", ".svg")
@@ -75,12 +74,8 @@ def figure(window, title):
     pictures = made.subplot_mosaic([["raw", "flow", "wheel"], ["sharp", "sure", "bar"]], width_ratios=(1, 1, 0.2))
     raw, flow, sharp, sure = (pictures[name] for name in ("raw", "flow", "sharp", "sure"))
     still, moved = window.images()
-    limits = {
-        "cmap": "gray",
-        "vmin": 0,
-        "vmax": max(float(np.percentile(moved, 99.5)), 1.0),
-        "interpolation": "nearest",
-    }
+    most_events = max(float(np.percentile(moved, 99.5)), 1.0)
+    limits = {"cmap": "gray", "vmin": 0, "vmax": most_events, "interpolation": "nearest"}
     raw.imshow(still, **limits)
     raw.set_title(f"events as they came: contrast {still.var():.3f}")
     sharp.imshow(moved, **limits)
@@ -143,7 +138,8 @@ class Page:
         """Take a :class:`~.window.Window`, and what was fitted to it: ``{name: value}``."""
         if window.index % self._stride:
             return
-        images = [_binned(image) for image in window.images()]
+        raw = window.images()
+        images = [_binned(image) for image in raw]
         top = max(float(np.percentile(images[1], 99.7)), 1.0)
         shown = [np.minimum(image * (_GREYS / top), _GREYS).astype(np.uint8) for image in images]
         told = {
@@ -151,25 +147,20 @@ class Page:
             "t": window.t_ref,
             "events": len(window.events),
             "moved": window.moved,
-            "contrast": [round(float(image.var()), 4) for image in window.images()],
-            "most": top_speed(window),
-            "tiles": [row[6:11] for row in window.rows()],
-            "colours": _hex(tile_colours(window, top_speed(window))),
+            "contrast": [round(float(image.var()), 4) for image in raw],
+            "most": (most := top_speed(window)),
+            "tiles": [[int(row[6]), *row[7:11]] for row in window.rows()],
+            "colours": _hex(tile_colours(window, most)),
             "trusted": window.trusted.astype(int).tolist(),
             "fit": field,
         }
-        told["tiles"] = [[int(count), *rest] for count, *rest in told["tiles"]]
         self._kept.append((told, shown, sum(len(zlib.compress(image.tobytes(), 6)) for image in shown)))
         while len(self._kept) > 1 and sum(size for *_, size in self._kept) > BUDGET:
             self._stride *= 2
             self._kept = [one for one in self._kept if one[0]["window"] % self._stride == 0]
 
-    def save(self, path, flow):
-        """Write the page of a :class:`~cmfpga.api.flow.Flow`."""
-        write_text(path, self.render(flow))
-
     def render(self, flow):
-        """The page's text."""
+        """The page's text, of a :class:`~cmfpga.api.flow.Flow`."""
         config, tiles, told = flow.config, flow.tiles, flow.summary()
         speed = told["speed_px_per_s"]
         lead = f"{told['trusted']:,} of {told['measured']:,} tiles are to be trusted, in {told['windows']} windows."
@@ -193,16 +184,11 @@ class Page:
             "grid": [list(tiles.columns), list(tiles.rows)],
             "windows": [one for one, *_ in self._kept],
         }
-        parts = {
-            "title": html.escape(f"Flow of {shown_name(flow.recording)}"),
-            "lead": html.escape(lead),
-            "notes": "".join(f"<li>{html.escape(note)}</li>" for note in notes),
-            "state": '<p class="value" id="fit"></p>',
-            "library": "",
-            "script": asset("flow.js"),
-        }
         blob = b"".join(image.tobytes() for _, images, _ in self._kept for image in images)
-        return fill(asset("flow.html"), parts, head, zlib.compress(blob, 6), one="window")
+        return fill(
+            "flow", head, blob, one="window", title=f"Flow of {shown_name(flow.recording)}", lead=lead, notes=notes,
+            scripts=["flow.js"], state='<p class="value" id="fit"></p>', library="",
+        )  # fmt: skip
 
 
 def _hex(shades):
@@ -213,6 +199,5 @@ def _hex(shades):
 def _binned(image):
     """An image of a large sensor with pixels of 2×2, 3×3 …"""
     side = -(-max(image.shape) // FRAME_SIZE)
-    rows, columns = (-(-size // side) for size in image.shape)
-    padded = np.pad(image, ((0, rows * side - image.shape[0]), (0, columns * side - image.shape[1])))
-    return padded.reshape(rows, side, columns, side).sum(axis=(1, 3))
+    rows, columns = (np.arange(0, size, side) for size in image.shape)
+    return np.add.reduceat(np.add.reduceat(image, rows, axis=0), columns, axis=1)

@@ -3,10 +3,16 @@
 
 const $ = (id) => document.getElementById(id);
 const head = JSON.parse($("head").textContent);
-let page; // what `begin` was given
+let page, preferred; // what `begin` was given; the theme (`root` and `dark` are the page's)
 let shown = 0; // which one
 let playing = null;
 let drawing = false;
+
+/* Dark or light: as chosen, or else as the system is. */
+function theme(now = preferred ?? (dark.matches ? "dark" : "light")) {
+  root.dataset.theme = now;
+  page.drawAll();
+}
 
 /* Draw once per picture of the screen, however fast the slider moves. */
 function go(index) {
@@ -44,23 +50,10 @@ function listen() {
     event.preventDefault();
     go(shown + step);
   });
-  $("theme").addEventListener("click", () => {
-    const root = document.documentElement, now = getComputedStyle(root).colorScheme;
-    root.dataset.theme = now === "dark" ? "light" : "dark";
-    page.drawAll();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => page.drawAll());
-  // Paper is white.
-  let before;
-  window.addEventListener("beforeprint", () => {
-    before = document.documentElement.dataset.theme;
-    document.documentElement.dataset.theme = "light";
-    page.drawAll();
-  });
-  window.addEventListener("afterprint", () => {
-    if (before) document.documentElement.dataset.theme = before; else delete document.documentElement.dataset.theme;
-    page.drawAll();
-  });
+  $("theme").addEventListener("click", () => theme(preferred = root.dataset.theme === "dark" ? "light" : "dark"));
+  dark.addEventListener("change", () => theme());
+  window.addEventListener("beforeprint", () => theme("light")); // paper is white
+  window.addEventListener("afterprint", () => theme());
 }
 
 /* Show one of `count`. `unpack` takes the data, an ArrayBuffer; `tell` says at once what is shown, `draw` draws it, and

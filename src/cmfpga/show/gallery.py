@@ -50,7 +50,6 @@ class _Frame:
     v in px/s with its covariance, None where it is not sure.
     """
 
-    noun: str
     index: int
     t_ref: float
     roi: tuple
@@ -67,28 +66,15 @@ class _Frame:
             image[there] = colour
         return image
 
-    @property
-    def title(self):
-        return f"{self.noun} {self.index}, {self.t_ref / 1e6:.3f} s"
-
 
 class Gallery:
     """Collects what the picture shows, in bounded memory, while batches go by.
 
-    Parameters
-    ----------
-    config : Config
-        Sizes.
-    name : str
-        Of the recording.
-    motion : Motion, optional
-        The true motion, where it is known.
+    ``name`` is the recording's, ``motion`` the true motion where it is known.
     """
 
     def __init__(self, config, name, motion=None):
-        self.config = config
-        self.name = name
-        self.motion = motion
+        self.config, self.name, self.motion = config, name, motion
         self._where = f", {config.image}" * bool(config.image)
         self._frames = []  # of every stride-th batch
         self._stride = 1
@@ -123,8 +109,7 @@ class Gallery:
         if spread is not None:
             xx, yy, xy = spread
             spread = np.array([[xx, xy], [xy, yy]]) / batch.half_s**2
-        drawn = np.packbits(events, axis=2), moved, v, spread
-        return _Frame(self.config.noun, batch.index, batch.t_ref, batch.roi, *drawn)
+        return _Frame(batch.index, batch.t_ref, batch.roi, np.packbits(events, axis=2), moved, v, spread)
 
     def _image(self, batch, v):
         """Image of warped events of the ROI at v."""
@@ -226,17 +211,14 @@ class Gallery:
         return axis.imshow(image, interpolation="nearest", extent=(-0.5, right, bottom, -0.5), **how)
 
     def _draw_frame(self, axis, frame):
-        from matplotlib.patches import Rectangle
-
         self._show(axis, frame.rgb(self.config.geometry.width))
         centre = tuple(side / 2 for side in self.config.roi_px)
         axis.plot(*np.add(self._corners[: frame.index + 1], centre).T, color=_TRAIL, linewidth=2)
-        axis.add_patch(
-            Rectangle(np.subtract(frame.roi, 0.5), *self.config.roi_px, fill=False, edgecolor=_ROI, linewidth=1.5)
-        )
+        axis.add_patch(_box(frame.roi, self.config.roi_px))
         if frame.v is not None and self._arrow_s:
             self._draw_v(axis, frame, np.add(frame.roi, centre))
-        axis.set(title=frame.title, xlabel=f"x{self._where} [px]", ylabel=f"y{self._where} [px]")
+        title = f"{self.config.noun} {frame.index}, {frame.t_ref / 1e6:.3f} s"
+        axis.set(title=title, xlabel=f"x{self._where} [px]", ylabel=f"y{self._where} [px]")
 
     def _draw_images(self, figure, index, v, still, moved):
         axes = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -275,6 +257,13 @@ class Gallery:
                 style = "--" if len(seconds) > 1 else "x"  # of one point there is no line
                 axis.plot(seconds, np.array(self._truths)[:, k], style, color=colour, label=f"{shown} true")
         axis.axhline(0, color="gray", linewidth=0.5)
+
+
+def _box(corner, size):
+    """The frame of an ROI."""
+    from matplotlib.patches import Rectangle
+
+    return Rectangle(np.subtract(corner, 0.5), *size, fill=False, edgecolor=_ROI, linewidth=1.5)
 
 
 def check_suffix(path, suffixes=SUFFIXES):
@@ -341,7 +330,6 @@ def survey_lines(survey, config, proposals):
 def draw_survey(path, survey, config, proposals):
     """Write a picture, PNG: events, hot pixels and ROIs; below, the rate over time."""
     from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
 
     figure = Figure(figsize=(10, 8), layout="constrained", dpi=110)
     above, below = figure.subplots(2, 1, height_ratios=(4, 1))
@@ -352,11 +340,8 @@ def draw_survey(path, survey, config, proposals):
         above.plot(x, y, "o", markerfacecolor="none", color="tab:orange", label="hot pixel")
         figure.legend(loc="outside upper right")
     for k, found in enumerate(proposals):
-        corner = np.subtract(found.roi, 0.5)
-        above.add_patch(
-            Rectangle(corner, config.roi_width, config.roi_height, fill=False, edgecolor="tab:red", linewidth=1.5)
-        )
-        above.annotate(f"ROI {k}", corner, color="tab:red", va="bottom")
+        above.add_patch(_box(found.roi, (config.roi_width, config.roi_height)))
+        above.annotate(f"ROI {k}", np.subtract(found.roi, 0.5), color=_ROI, va="bottom")
     above.set(title="events of the whole recording (square root)", xlabel="x [px]", ylabel="y [px]")
     bin_us, rate = survey.rate()
     below.step(np.arange(len(rate)) * bin_us / 1e6, rate / 1e3, where="post")

@@ -1,23 +1,26 @@
 """A page as one HTML file: a template, filled in; data in base64."""
 
 import base64
+import html
 import importlib.resources
 import json
 import re
+import zlib
 
 
-def fill(body, parts, head, blob, *, one):
+def fill(body, head, blob, *, one, title, lead, notes, scripts, **parts):
     """A page's text, with controls to choose ``one`` of what it shows: ``{{name}}`` in it replaced by ``parts[name]``.
 
-    ``body`` is what is below the controls; style and script come after those of all pages. ``{{head}}`` becomes what
-    :mod:`json` makes of ``head``, and ``{{blob}}`` the bytes of ``blob`` in base64.
+    The file ``body`` has what is below the controls; ``scripts`` come after that of all pages. ``{{head}}`` becomes
+    what :mod:`json` makes of ``head``, and ``{{blob}}`` the bytes of ``blob``, deflated, in base64.
     """
-    page = asset("frame.html").replace("{{body}}", body)
-    parts["style"] = asset("frame.css")
-    parts["script"] = asset("frame.js") + "\n" + parts["script"]
+    page = asset("frame.html").replace("{{body}}", asset(f"{body}.html"))
+    parts |= {"one": one, "One": one.capitalize(), "title": html.escape(title), "lead": html.escape(lead)}
+    parts["notes"] = "".join(f"<li>{html.escape(note)}</li>" for note in notes)
+    parts["style"], parts["script"] = asset("frame.css"), "\n".join(map(asset, ("frame.js", *scripts)))
     # In a script element only "</" and "<!--" have a meaning.
-    text = json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    parts = {**parts, "one": one, "One": one.capitalize(), "head": text, "blob": base64.b64encode(blob).decode()}
+    parts["head"] = json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    parts["blob"] = base64.b64encode(zlib.compress(blob, 6)).decode()
     return re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], page)
 
 

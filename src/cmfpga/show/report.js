@@ -22,9 +22,8 @@ function build() {
     $("numbers").append(box);
   };
   for (const name of Object.keys(columns)) add(...head.labels[name], (number) => { number.dataset.column = name; });
-  add(`${head.due} lasts`, "ms", (number) => { number.id = "lasts"; });
-  add("computing takes", "ms", (number) => { number.id = "takes"; });
-  add("real-time margin", "times", (number) => { number.id = "times"; });
+  for (const [label, unit, id] of [[`${head.due} lasts`, "ms", "lasts"], ["computing takes", "ms", "takes"],
+    ["real-time margin", "times", "times"]]) add(label, unit, (number) => { number.id = id; });
 
   const top = document.createElement("tr");
   for (const name of Object.keys(columns)) top.append(cell("th", name));

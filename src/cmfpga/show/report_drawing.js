@@ -148,6 +148,13 @@ function describe(id, text) {
   $(id).setAttribute("aria-label", text);
 }
 
+/* A picture in pixels, y downwards, that keeps its shape. */
+function drawPicture(id, data, [x, y], [width, height], more = {}) {
+  const look = { constrain: "domain", showgrid: false, zeroline: false };
+  Plotly.react(id, data, layout(axisLook(x, { range: [-0.5, width - 0.5], ...look }),
+    axisLook(y, { range: [height - 0.5, -0.5], scaleanchor: "x", ...look }), more), config);
+}
+
 function drawFrame(detail) {
   const [side, width, height] = head.frame, k = detail.batch;
   const [left, top] = [Number(columns.roi_x[k]), Number(columns.roi_y[k])];
@@ -166,11 +173,7 @@ function drawFrame(detail) {
   ];
   const box = { type: "rect", x0: left - 0.5, y0: top - 0.5, x1: left + roi[0] - 0.5, y1: top + roi[1] - 0.5,
     line: { color: css("--roi"), width: 3 } };
-  Plotly.react("frame", data, layout(
-    axisLook("x [px]", { range: [-0.5, sensor[0] - 0.5], constrain: "domain", showgrid: false, zeroline: false }),
-    axisLook("y [px]", { range: [sensor[1] - 0.5, -0.5], scaleanchor: "x", constrain: "domain", showgrid: false,
-      zeroline: false }),
-    { shapes: [box] }), config);
+  drawPicture("frame", data, ["x [px]", "y [px]"], sensor, { shapes: [box] });
   describe("frame", `${columns.events[k]} events of ${head.one} ${k} on the sensor of ${sensor[0]} by ${sensor[1]} px; ` +
     `the ROI is at ${left}, ${top} px.`);
 }
@@ -193,10 +196,7 @@ function drawImages(detail) {
       hovertemplate: "x %{x}, y %{y} px: %{z:.2f} events<extra></extra>" }];
     const text = `${name}: contrast ${values[id].toFixed(3)} (events/px)²`;
     $(`${id}-value`).textContent = text;
-    Plotly.react(id, data, layout(
-      axisLook("x in the ROI [px]", { range: [-0.5, roi[0] - 0.5], constrain: "domain", showgrid: false, zeroline: false }),
-      axisLook("y in the ROI [px]", { range: [roi[1] - 0.5, -0.5], scaleanchor: "x", constrain: "domain", showgrid: false,
-        zeroline: false })), config);
+    drawPicture(id, data, ["x in the ROI [px]", "y in the ROI [px]"], roi);
     $(id).dataset.contrast = values[id];
     $(id).dataset.top = top;
     describe(id, `Image of warped events of ${head.one} ${k} at ${text}.`);
@@ -284,9 +284,9 @@ function drawCharts() {
     series("vx, to the right", numbers("vx_px_per_s"), "--vx"),
     series("vy, downwards", numbers("vy_px_per_s"), "--vy", { marker: { symbol: "square" } }),
   ];
-  if (head.truths.some((pair) => pair[0] !== null)) {
-    velocity.push(series("true vx", head.truths.map((pair) => pair[0]), "--vx", { mode: "lines", line: { dash: "dash" } }));
-    velocity.push(series("true vy", head.truths.map((pair) => pair[1]), "--vy", { mode: "lines", line: { dash: "dash" } }));
+  for (const [axis, name] of head.truths.some((pair) => pair[0] !== null) ? ["vx", "vy"].entries() : []) {
+    velocity.push(series(`true ${name}`, head.truths.map((pair) => pair[axis]), `--${name}`,
+      { mode: "lines", line: { dash: "dash" } }));
   }
   const looks = [["--vx", "circle"], ["--vy", "square"], ["--soft", "diamond"]];
   for (const { label, lines } of head.motion.charts) {
@@ -310,8 +310,7 @@ function drawCharts() {
   describe("margin", `Time that ${head.due} lasts and time to compute it, in ms, on a logarithmic scale.`);
   const inside = [series("events in the ROI", numbers("roi_events"), "--vx")];
   if (head.bufferShown) {
-    inside.push({ ...series("buffer", seconds.map(() => head.bufferEvents), "--vy"), mode: "lines",
-      line: { color: css("--vy"), dash: "dash" } });
+    inside.push(series("buffer", seconds.map(() => head.bufferEvents), "--vy", { mode: "lines", line: { dash: "dash" } }));
   }
   drawChart("inside", inside, "events", { rangemode: "tozero" });
   describe("inside", `Events in the ROI of each ${head.one}.`);

@@ -18,15 +18,9 @@ from ..tracking.verdict import Verdict
 
 #: From the right, clockwise on the screen (y points down), in steps of 45°.
 DIRECTIONS = (
-    "to the right",
-    "down and to the right",
-    "down",
-    "down and to the left",
-    "to the left",
-    "up and to the left",
-    "up",
-    "up and to the right",
-)
+    "to the right", "down and to the right", "down", "down and to the left",
+    "to the left", "up and to the left", "up", "up and to the right",
+)  # fmt: skip
 
 #: A path is told leg by leg if it has no more of them.
 MAX_LEGS = 4
@@ -60,13 +54,7 @@ def corners(points, tolerance):
 
 
 class Story:
-    """Sentences about a track.
-
-    Parameters
-    ----------
-    kept : Kept
-    clock_mhz : float
-        Assumed clock of the hardware.
+    """Sentences about a :class:`~cmfpga.tracking.kept.Kept` track, and the assumed clock of the hardware.
 
     Attributes
     ----------
@@ -84,7 +72,7 @@ class Story:
 
     def __init__(self, kept, clock_mhz):
         self.kept, self.clock_mhz = kept, clock_mhz
-        self.cycles, self.by_formula = hardware_cycles(kept)
+        self.cycles, self.by_formula = _hardware_cycles(kept)
         self.compute_us = self.cycles / clock_mhz
         self.lasts, config = np.array(kept.spans, np.float64), kept.config
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -122,27 +110,18 @@ class Story:
         begin, end = kept.numbers("t_ref_us")[self.measured][[0, -1]]
         seconds = (end - begin + np.array(kept.spans)[self.measured][[0, -1]].sum() / 2) / 1e6
         if not self.verdict.px_per_s:
-            return (
-                f"None of the {len(self.flags)} {kept.config.nouns} is to be trusted: "
-                "what moves in the orange frame is not known;"
-            )
+            none = f"None of the {len(self.flags)} {kept.config.nouns} is to be trusted"
+            return f"{none}: what moves in the orange frame is not known;"
         if kept.config.motion == "rotation":
             speed = np.linalg.norm([*self.verdict.rates.values()], axis=0)
             fastest = f", up to {speed.max():.3g} rad/s" if speed.max() > 1.3 * np.median(speed) else ""
             return f"The camera turned for {seconds:.2f} s, at about {np.median(speed):.3g} rad/s{fastest};"
         _, median, highest = self.verdict.px_per_s
         fastest = f", up to {highest:.0f} px/s" if highest > 1.3 * median else ""
-        return (
-            f"The object in the orange frame {self._path()} within {seconds:.2f} s, "
-            f"at about {median:.0f} px/s{fastest}{self._lost()};"
-        )
-
-    def _lost(self):
-        """What became of an object that was no longer measured in the end."""
         last = int(np.flatnonzero(self.measured)[-1])
-        if last + 1 == len(self.measured):
-            return ""
-        return f", until it was lost after {self.kept.config.noun} {last}"
+        lost = "" if last + 1 == len(self.measured) else f", until it was lost after {kept.config.noun} {last}"
+        way = f"{self._path()} within {seconds:.2f} s, at about {median:.0f} px/s{fastest}{lost}"
+        return f"The object in the orange frame {way};"
 
     def _path(self):
         points = np.array([*zip(self.kept.numbers("roi_x"), self.kept.numbers("roi_y"), strict=True)])
@@ -242,16 +221,8 @@ def number(value):
     return f"{value:,.{digits}f}"
 
 
-def hardware_cycles(kept):
-    """Clock cycles of each batch.
-
-    Returns
-    -------
-    cycles : float64 array [B]
-        NaN for a degenerate batch.
-    by_formula : bool
-        The engine has no clock, so they are those that the cycle formula gives.
-    """
+def _hardware_cycles(kept):
+    """Clock cycles of each batch, NaN for a degenerate one; and whether they are those of the formula."""
     counted = kept.numbers("cycles")
     if not np.isnan(counted).all():
         return counted, False

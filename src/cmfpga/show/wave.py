@@ -6,6 +6,7 @@ numbers are written as real numbers, so that every viewer shows them in their un
 
 import contextlib
 import dataclasses
+import itertools
 import re
 from dataclasses import dataclass
 
@@ -35,17 +36,9 @@ LEFT_OUT = re.compile(r"core:(trace|pixels)\w*|ingest_control:settings|\w+:(hand
 
 @dataclass(frozen=True)
 class Probe:
-    """One signal of the file.
+    """One signal of the file, of ``width`` bits, ``fraction`` of which are behind the point.
 
-    Parameters
-    ----------
-    block, name : str
-        As in :attr:`cmfpga.rtl.core.Core.blocks`; member and field, joined by ``_``, without ``payload``.
-    width : int
-        Bits.
-    signed : bool
-    fraction : int
-        Fraction bits; 0 for a whole number.
+    ``block`` is as in :attr:`cmfpga.rtl.core.Core.blocks`, ``name`` its member and field without ``payload``.
     """
 
     block: str
@@ -64,10 +57,7 @@ class Probe:
 class WaveCore(VerilogCore):
     """:class:`VerilogCore` with outputs ``wave_0`` … that repeat what goes between its blocks.
 
-    Attributes
-    ----------
-    probes : list of Probe
-        What each of them is, in the order of data flow.
+    ``probes``, a list of :class:`Probe`, says what each of them is, in the order of data flow.
     """
 
     def __init__(self, config):
@@ -77,9 +67,8 @@ class WaveCore(VerilogCore):
             leaves = list(component.signature.flatten(component))
             members = [path[0] for path, _, _ in leaves]
             # Of a stream, valid and ready stand before what they speak of.
-            for path, member, value in sorted(
-                leaves, key=lambda leaf: (members.index(leaf[0][0]), leaf[0][-1] == "payload")
-            ):
+            leaves.sort(key=lambda leaf, members=members: (members.index(leaf[0][0]), leaf[0][-1] == "payload"))
+            for path, member, value in leaves:
                 self._probe(block, "_".join(str(part) for part in path if part != "payload"), member.shape, value)
 
     def _probe(self, block, name, shape, value):
@@ -105,39 +94,27 @@ class WaveCore(VerilogCore):
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """A recorded batch.
+    """A recorded batch: ``cycles``, ``ports`` and ``values`` as VerilatedCore.take_waves gives them.
 
-    Parameters
-    ----------
-    probes : list of Probe
-    cycles, ports, values : int arrays
-        See :meth:`cmfpga.verilog.simulation.VerilatedCore.take_waves`. Cycle 0 is that of the batch's first event.
-    result : BatchResult
-        Of this run; its trace equals that of the track, its ROI moves from whole pixels.
+    Cycle 0 is that of the batch's first event.
     """
 
     probes: list
     cycles: np.ndarray
     ports: np.ndarray
     values: np.ndarray
-    result: object
+
+    def ones(self, block, name):
+        """Cycles in which a signal becomes 1."""
+        port = next(k for k, probe in enumerate(self.probes) if (probe.block, probe.name) == (block, name))
+        return self.cycles[(self.ports == port) & (self.values == 1)].tolist()
 
 
 class WaveTaker:
-    """Waits for one batch of a track, and records it.
+    """Waits for batch number ``wanted`` of a track by the engine of this name, and records it.
 
-    Parameters
-    ----------
-    config : Config
-    engine : str
-        Name of the track's engine; ``rtl`` and ``model`` have the hardware's numbers.
-    wanted : int
-        Number of the batch.
-
-    Raises
-    ------
-    ConfigError
-        The engine has other numbers than the hardware, or no trace; or there is no Verilator or C++ compiler.
+    Raises :exc:`ConfigError` where the engine has other numbers than the hardware, or no trace; or where there is no
+    Verilator or C++ compiler.
     """
 
     def __init__(self, config, engine, wanted):
@@ -163,10 +140,10 @@ class WaveTaker:
             raise ConfigError(f"--wave {self.wanted}: the track has no such batch")
         if not len(self._found.events):
             raise ConfigError(f"--wave {self.wanted}: the batch has no events, so the hardware never saw it")
-        return record(self.config, self._found)
+        return _record(self.config, self._found)
 
 
-def record(config, batch):
+def _record(config, batch):
     """Run a :class:`~cmfpga.tracking.loop.TrackedBatch` by itself as it ran in the track: :class:`Waves`."""
     from ..verilog.simulation import VerilatedCore
 
@@ -183,18 +160,9 @@ def record(config, batch):
         running.start_waves()
         ports, trace, _ = running.run(events.t, events.x, events.y, settings_values(config, settings))
         waves = running.take_waves()
-    again = to_batch_result(config, [ports], [trace])
-    if again.trace != batch.result.trace:
+    if to_batch_result(config, [ports], [trace]).trace != batch.result.trace:
         raise AssertionError("the batch by itself ran otherwise than in the track")
-    opened = _cycles_of(core.probes, waves, "core", "opened")[0]
-    return Waves(core.probes, *_from_cycle(opened, *waves), again)
-
-
-def _cycles_of(probes, changes, block, name):
-    """Cycles in which a signal becomes 1."""
-    cycles, ports, values = changes
-    port = next(k for k, probe in enumerate(probes) if (probe.block, probe.name) == (block, name))
-    return cycles[(ports == port) & (values == 1)].tolist()
+    return Waves(core.probes, *_from_cycle(Waves(core.probes, *waves).ones("core", "opened")[0], *waves))
 
 
 def _from_cycle(first, cycles, ports, values):
@@ -212,23 +180,18 @@ def write_waves(waves, folder, name):
     In the file a clock cycle lasts 1 ns, so that times are numbers of cycles.
     """
     paths = [folder / f"{name}{suffix}" for suffix in (".vcd", ".gtkw", ".sucl")]
-    with naming(paths[0]), paths[0].open("w") as file:
-        _write_vcd(waves, file)
-    with naming(paths[1]), paths[1].open("w") as file:
-        _write_gtkw(waves, file, paths[0].name)
-    with naming(paths[2]), paths[2].open("w") as file:
-        file.writelines(f"{line}\n" for line in _surfer_commands(waves))
+    for path, write in zip(paths, (_write_vcd, _write_gtkw, _write_surfer), strict=True):
+        with naming(path), path.open("w") as file:
+            write(waves, file, paths[0].name)
     return paths
 
 
-def _write_vcd(waves, file):
+def _write_vcd(waves, file, _):
     with VCDWriter(file, timescale="1 ns", date="", comment="1 ns is one clock cycle") as writer:
         variables = []
         for probe in waves.probes:
-            kind = "real" if probe.fraction else "wire"
-            size = 64 if probe.fraction else probe.width
-            scope = f"{SCOPE}.{probe.block}"
-            variables.append(writer.register_var(scope, probe.name, kind, size=size, init=0))
+            kind, size = ("real", 64) if probe.fraction else ("wire", probe.width)
+            variables.append(writer.register_var(f"{SCOPE}.{probe.block}", probe.name, kind, size=size, init=0))
         # Vectors hold the bits of a negative number, reals its value.
         steps = [2.0**-probe.fraction if probe.fraction else None for probe in waves.probes]
         masks = [(1 << probe.width) - 1 for probe in waves.probes]
@@ -236,14 +199,6 @@ def _write_vcd(waves, file):
             shown = value & masks[port] if steps[port] is None else value * steps[port]
             writer.change(variables[port], cycle, shown)
         writer.close(int(waves.cycles[-1]) + 1)
-
-
-def _groups(probes):
-    """``{block: its probes}``, in the order of data flow."""
-    found = {}
-    for probe in probes:
-        found.setdefault(probe.block, []).append(probe)
-    return found
 
 
 def _write_gtkw(waves, file, vcd_name):
@@ -254,11 +209,11 @@ def _write_gtkw(waves, file, vcd_name):
     save.sst_expanded(False)
     save.signals_width(340)
     # Markers a, b, c … where the buffer begins to give out the events of an iteration.
-    starts = _cycles_of(waves.probes, (waves.cycles, waves.ports, waves.values), "event_buffer", "replay")
+    starts = waves.ones("event_buffer", "replay")
     marks = dict(zip("abcdefghijklmnopqrstuvwxyz", starts, strict=False))
     save.zoom_markers(-3.0, starts[0] if starts else 0, **marks)
     save.timestart(max(0, starts[0] - 10) if starts else 0)
-    for block, probes in _groups(waves.probes).items():
+    for block, probes in itertools.groupby(waves.probes, lambda probe: probe.block):
         with save.group(block, closed=block in CLOSED):
             for probe in probes:
                 suffix = f"[{probe.width - 1}:0]" if probe.width > 1 and not probe.fraction else ""
@@ -267,11 +222,11 @@ def _write_gtkw(waves, file, vcd_name):
                 save.trace(f"{SCOPE}.{block}.{probe.name}{suffix}", alias=alias, datafmt=shown)
 
 
-def _surfer_commands(waves):
-    """A command file for Surfer: a divider per block, then its signals."""
-    for block, probes in _groups(waves.probes).items():
-        yield f"divider_add {block}"
+def _write_surfer(waves, file, _):
+    """A command file: a divider per block, then its signals."""
+    for block, probes in itertools.groupby(waves.probes, lambda probe: probe.block):
+        print(f"divider_add {block}", file=file)
         for probe in probes:
-            yield f"variable_add {SCOPE}.{block}.{probe.name}"
+            print(f"variable_add {SCOPE}.{block}.{probe.name}", file=file)
             if not probe.fraction and probe.width > 1:
-                yield f"item_set_format {'Signed' if probe.signed else 'Unsigned'}"
+                print(f"item_set_format {'Signed' if probe.signed else 'Unsigned'}", file=file)

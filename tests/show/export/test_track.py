@@ -13,6 +13,7 @@ from cmfpga.events import Events, MemoryRecording, generate
 from cmfpga.show.export import TRUSTED, VELOCITY, exported
 from support.designs import FAST
 from support.flowing import CAMERA
+from support.small_core import options
 
 NAMES = ["track.mcap", "track.bag", "track"]
 
@@ -102,10 +103,9 @@ def test_times_that_ros_has_not(dot_events, tmp_path):
 
 
 def test_the_command_writes_the_same(command, dot, tmp_path):
-    fast = [part for name, value in FAST.items() if name != "preset" for part in ("--set", f"{name}={value}")]
-    options = ["--engine", "model", "--no-picture", "--batch-events", 90, "--preset", "fast", *fast]
+    how = ["--roi", "8,9", "--engine", "model", "--no-picture", "--batch-events", 90, *options(FAST)]
     export = ["--export", tmp_path / "a.mcap", "--export", tmp_path / "a.bag"]
-    done = command(track, dot, "--roi", "8,9", *options, "--out", tmp_path / "out", *export)
+    done = command(track, dot, *how, "--out", tmp_path / "out", *export)
     assert done.status == 0 and f"wrote {tmp_path / 'a.mcap'}\nwrote {tmp_path / 'a.bag'}\n" in done.out
     (tmp_path / "python").mkdir()
     cmfpga.track(dot, roi=(8, 9), batch_events=90, engine="model", **FAST).export(tmp_path / "python" / "a.mcap")

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import itertools
 
 import matplotlib.image
 import numpy as np
@@ -26,15 +27,14 @@ def shown(browser, no_network, found, tmp_path):
     for window in found:
         flow.add(window)
         page.add(window, flow.fitted(window.index))
-    page.save(tmp_path / "flow.html", flow)
-    return Opened(
-        browser, tmp_path / "flow.html", "document.body.dataset.shown === String(windows[shown].window)"
-    ).show()
+    (tmp_path / "flow.html").write_text(page.render(flow), encoding="utf-8")
+    settled = "document.body.dataset.shown === String(windows[shown].window)"
+    return Opened(browser, tmp_path / "flow.html", settled).show()
 
 
 def picture(page, name):
     """A canvas as an array [rows, columns, 4]."""
-    text = page.do(f"return document.getElementById('{name}').toDataURL('image/png')")
+    text = page.do(f"return $('{name}').toDataURL('image/png')")
     return matplotlib.image.imread(io.BytesIO(base64.b64decode(text.partition(",")[2])), format="png")
 
 
@@ -43,14 +43,14 @@ def test_every_window_by_keyboard(shown, found):
 
     assert shown.do("return document.querySelector('h1').textContent") == "Flow of <a & b>.h5"
     for window in found:
-        assert f"window {window.index}:" in shown.do("return document.getElementById('where').textContent")
+        assert f"window {window.index}:" in shown.do("return $('where').textContent")
         still, moved = (picture(shown, name)[..., 0] for name in ("still", "moved"))
         top = max(float(np.percentile(window.images()[1], 99.7)), 1.0)
         for image, wanted in zip((still, moved), window.images(), strict=True):
             assert np.abs(image - np.floor(np.minimum(wanted / top, 1) * 255) / 255).max() < 0.6 / 255
-        count = shown.do("return document.getElementById('share').textContent")
+        count = shown.do("return $('share').textContent")
         assert count.startswith(f"{window.trusted.sum()} of {len(window.tiles)} tiles")
-        assert "vx_px_per_s" in shown.do("return document.getElementById('fit').textContent")
+        assert "vx_px_per_s" in shown.do("return $('fit').textContent")
         shown.press(Keys.ARROW_RIGHT)
     assert shown.errors() == []
 
@@ -66,9 +66,7 @@ def test_colours_are_those_of_the_picture(shown, found):
         if rows.max() > 45 and columns.max() > 80:
             continue  # the wheel
         checked += 1
-        corners = [
-            (row, column) for row in (rows.min() + 1, rows.max()) for column in (columns.min() + 1, columns.max())
-        ]
+        corners = itertools.product((rows.min() + 1, rows.max()), (columns.min() + 1, columns.max()))
         away = [np.abs(drawn[4 * row, 4 * column, :3] - wanted[row, column]).max() for row, column in corners]
         assert min(away) < 0.02
     assert checked >= 20
@@ -76,11 +74,10 @@ def test_colours_are_those_of_the_picture(shown, found):
 
 def test_a_tile_that_is_pointed_at(shown, found):
     shown.do(
-        "const box = document.getElementById('flow').getBoundingClientRect();"
-        "document.getElementById('flow').dispatchEvent(new PointerEvent('pointermove',"
+        "const box = $('flow').getBoundingClientRect(); $('flow').dispatchEvent(new PointerEvent('pointermove',"
         "{clientX: box.left + box.width * 40 / 128, clientY: box.top + box.height * 40 / 96}))"
     )
-    told = shown.do("return document.getElementById('pointed').textContent")
+    told = shown.do("return $('pointed').textContent")
     k = tile_of_pixels(found[0].tiles, 128, 96)[40, 40]
     x, y = found[0].tiles.corners[k]
     assert told.startswith(f"x {x}, y {y}, events {found[0].counts[k]}")

@@ -36,33 +36,28 @@ def shown(report):
 
 def traces(report, plot):
     """x and y of each line of a plot, and z of its picture."""
-    return report.do(
-        f"return document.getElementById('{plot}').data.map(d => [d.x, d.y, d.z && d.z.map(r => Array.from(r))])"
-    )
+    return report.do(f"return $('{plot}').data.map(d => [d.x, d.y, d.z && d.z.map(r => Array.from(r))])")
 
 
 def test_every_batch_by_keyboard(opened, kept):
     from selenium.webdriver.common.keys import Keys
 
     report = opened(kept).show()
-    report.do("document.getElementById('slider').focus()")
+    report.do("$('slider').focus()")
     seen = []
     for _ in kept.details:
         numbers = shown(report)
         row = kept.rows[int(numbers["batch"])]
         assert numbers == dict(zip(COLUMNS, row, strict=True))
-        flags = report.do("return document.getElementById('flags').textContent")
+        flags = report.do("return $('flags').textContent")
         assert all(name in flags for name in filter(None, numbers["flags"].split("|")))
         assert flags.startswith("⚠") == bool(Flag.parse(numbers["flags"]).warnings) and "undefined" not in flags
-        seen.append((numbers["batch"], report.do("return document.getElementById('slider').value")))
+        seen.append((numbers["batch"], report.do("return $('slider').value")))
         report.press(Keys.ARROW_RIGHT)
     assert seen == [(str(k), str(k)) for k in range(len(kept.rows))]
-    report.press(Keys.HOME)
-    assert shown(report)["batch"] == "0"
-    report.press(Keys.END)
-    assert shown(report)["batch"] == str(len(kept.rows) - 1)
-    report.press(Keys.ARROW_LEFT)
-    assert shown(report)["batch"] == str(len(kept.rows) - 2)
+    for key, batch in ((Keys.HOME, 0), (Keys.END, len(kept.rows) - 1), (Keys.ARROW_LEFT, len(kept.rows) - 2)):
+        report.press(key)
+        assert shown(report)["batch"] == str(batch)
     assert report.errors() == []
 
 
@@ -75,7 +70,7 @@ def test_the_slider_moves_everything_together(opened, kept):
         detail, config = kept.details[batch], kept.config
         pictures[batch] = {plot: traces(report, plot) for plot in ("frame", "still", "moved", "landscape")}
         assert pictures[batch]["frame"][0][2] == detail.frame.tolist()
-        box = report.do("const s = document.getElementById('frame').layout.shapes[0]; return [s.x0, s.y0, s.x1, s.y1]")
+        box = report.do("const s = $('frame').layout.shapes[0]; return [s.x0, s.y0, s.x1, s.y1]")
         x, y = (int(kept.column(name)[batch]) for name in ("roi_x", "roi_y"))
         assert box == [x - 0.5, y - 0.5, x + config.roi_width - 0.5, y + config.roi_height - 0.5]
         trail = pictures[batch]["frame"][2][0]
@@ -87,14 +82,14 @@ def test_the_slider_moves_everything_together(opened, kept):
         for plot, v in (("still", (0.0, 0.0)), ("moved", detail.v[-1] if len(detail.levels) else (0.0, 0.0))):
             expected = image_of_warped_events(detail.x, detail.y, dt, v, **size)
             np.testing.assert_allclose(pictures[batch][plot][0][2], expected, atol=1e-9)
-            found = float(report.do(f"return document.getElementById('{plot}').dataset.contrast"))
+            found = float(report.do(f"return $('{plot}').dataset.contrast"))
             assert found == pytest.approx(expected.var(), abs=1e-9)
         if len(detail.levels):
             assert found == pytest.approx(float(kept.column("contrast")[batch]), abs=6e-7)
         same = "return [...new Set(['still', 'moved'].map(id => document.getElementById(id).data[0].zmax))].length"
         assert report.do(same) == 1
         for chart in ("velocity", "margin", "inside", "cycles"):
-            at = report.do(f"return document.getElementById('{chart}').layout.shapes[0].x0")
+            at = report.do(f"return $('{chart}').layout.shapes[0].x0")
             times = kept.numbers("t_ref_us")
             assert at == pytest.approx((times[batch] - times[0]) / 1e6)
     assert all(pictures[1][plot] != pictures[6][plot] for plot in pictures[1])
@@ -121,12 +116,10 @@ def test_the_landscape_and_the_path_on_it(opened, turning):
         last = len(vx) - 1
         assert z.shape == (last + 1, last + 1) and vx[0] == -vx[last] and vx[last // 2] == 0
         for row, column in ((0, 0), (last // 2, last // 2), (3 * last // 4, 7 * last // 8), (last, 3)):
-            x, y = (
-                (axis - dt * v + 0.5) / 2**level - 0.5 for axis, v in zip(positions, (vx[column], vy[row]), strict=True)
-            )
-            size = {"width": 64 >> level, "height": 64 >> level}
-            image = np.zeros((64, 64))
-            image[: size["height"], : size["width"]] = image_of_warped_events(x, y, dt, (0, 0), **size)
+            speeds = zip(positions, (vx[column], vy[row]), strict=True)
+            x, y = ((axis - dt * v + 0.5) / 2**level - 0.5 for axis, v in speeds)
+            image, side = np.zeros((64, 64)), 64 >> level
+            image[:side, :side] = image_of_warped_events(x, y, dt, (0, 0), width=side, height=side)
             assert z[row, column] == pytest.approx(image.var(), abs=1e-9)
         # Lines and markers of each level in the order of its use, the star of the result, the ring of the start.
         lines, markers = paths[0:-2:2], paths[1:-2:2]
@@ -173,7 +166,7 @@ def test_two_widths_dark_and_light(opened, turning, tmp_path, width, theme):
     assert report.do("return document.documentElement.scrollWidth") <= width
     background = report.do("return getComputedStyle(document.body).backgroundColor")
     assert (background == "rgb(255, 255, 255)") == (theme == "light")
-    ink = report.do("return document.getElementById('velocity').layout.font.color")
+    ink = report.do("return $('velocity').layout.font.color")
     assert (ink == "#16181d") == (theme == "light")
     sizes = report.do(
         "return [...document.querySelectorAll('.plot')]"
@@ -186,34 +179,33 @@ def test_two_widths_dark_and_light(opened, turning, tmp_path, width, theme):
     pixels = matplotlib.image.imread(tmp_path / "page.png")[..., :3]
     assert pixels.shape[1] == width and pixels.std() > 0.1
     assert (pixels.mean() > 0.6) == (theme == "light")
-    report.do("document.getElementById('theme').click()")
+    report.do("$('theme').click()")
     assert report.do("return getComputedStyle(document.body).backgroundColor") != background
     assert report.errors() == []
 
 
 def test_a_click_on_a_chart_goes_to_its_batch(opened, turning):
     report = opened(turning).show()
-    report.do("document.getElementById('velocity').emit('plotly_click', {points: [{customdata: '7'}]})")
-    report.settle()
-    assert shown(report)["batch"] == "7"
-    report.do("document.querySelector('tr[data-batch=\"3\"]').click()")
-    report.settle()
-    assert shown(report)["batch"] == "3"
+    for script, batch in (
+        ("$('velocity').emit('plotly_click', {points: [{customdata: '7'}]})", "7"),
+        ("document.querySelector('tr[data-batch=\"3\"]').click()", "3"),
+    ):
+        report.do(script)
+        report.settle()
+        assert shown(report)["batch"] == batch
 
 
 def test_it_plays(opened, turning):
     report = opened(turning).show()
-    report.do("document.getElementById('play').click()")
+    report.do("$('play').click()")
     report.wait("shown >= 2")
-    report.do("document.getElementById('play').click()")
-    assert report.do("return document.getElementById('play').textContent") == "▶ play"
+    report.do("$('play').click()")
+    assert report.do("return $('play').textContent") == "▶ play"
     at = report.do("return shown")
-    report.do("document.getElementById('next').click()")
-    report.settle()
-    assert report.do("return shown") == at + 1
-    report.do("document.getElementById('previous').click()")
-    report.settle()
-    assert report.do("return shown") == at
+    for button, place in (("next", at + 1), ("previous", at)):
+        report.do(f"$('{button}').click()")
+        report.settle()
+        assert report.do("return shown") == place
 
 
 def test_it_prints_on_white(opened, turning):
@@ -222,7 +214,7 @@ def test_it_prints_on_white(opened, turning):
     assert printed.startswith(b"%PDF") and len(printed) > 50_000
     report.do("window.dispatchEvent(new Event('beforeprint'))")
     assert report.do("return getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
-    assert report.do("return document.getElementById('velocity').layout.font.color") == "#16181d"
+    assert report.do("return $('velocity').layout.font.color") == "#16181d"
     report.do("window.dispatchEvent(new Event('afterprint'))")
     assert report.do("return getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
     assert report.errors() == []
@@ -234,15 +226,11 @@ def test_a_page_that_is_damaged_says_so(opened, turning):
     start = text.index('id="blob">') + len('id="blob">')
     report.path.write_text(text[:start] + text[start + 40 :], encoding="utf-8")
     report.browser.get(report.path.as_uri())
-    report.wait("!document.getElementById('problem').hidden")
-    assert "cannot draw the page" in report.do("return document.getElementById('problem').textContent")
+    report.wait("!$('problem').hidden")
+    assert "cannot draw the page" in report.do("return $('problem').textContent")
 
 
 def test_nothing_is_fetched(opened, turning):
     report = opened(turning).show()
-    assert (
-        report.do(
-            "return performance.getEntriesByType('resource').map(r => r.name).filter(n => !/^(data|blob):/.test(n))"
-        )
-        == []
-    )
+    fetched = "performance.getEntriesByType('resource').map(r => r.name)"
+    assert report.do(f"return {fetched}.filter(name => !/^(data|blob):/.test(name))") == []

@@ -24,12 +24,13 @@ def test_details_give_the_contrast_of_the_csv(turning):
     assert {int(level) for detail in turning.details for level in detail.levels} == {0, 1, 2}
 
 
-@pytest.mark.parametrize("name", ["turning", "flagged"])
+@pytest.mark.parametrize("name", ["turning", "flagged", "panning", "growing"])
 def test_saved_and_loaded(name, request, tmp_path):
     kept = request.getfixturevalue(name)
     kept.save(tmp_path / FILE)
     again = Kept.load(tmp_path / FILE)
     assert again.config == kept.config and again.rows == kept.rows and again.roi_next == tuple(kept.roi_next)
+    assert again.details[0].v.shape == (len(kept.details[0].levels) + 1, len(kept.config.motion_model.names))
     assert render(again, 150.0) == render(kept, 150.0)
 
 

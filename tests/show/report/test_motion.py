@@ -12,7 +12,6 @@ from cmfpga.imaging.camera import flow
 from cmfpga.imaging.iwe import image_of_warped_events
 from cmfpga.show.report import render, shown_motion
 from cmfpga.show.story import Story
-from cmfpga.tracking.kept import FILE, Kept
 
 
 @pytest.fixture(params=["panning", "growing"])
@@ -24,9 +23,7 @@ def moved(config, v, x, y, roi):
     """As the page's script does it, by what the page holds."""
     shown = shown_motion(config)
     sizes = config.roi_width, config.roi_height
-    middle = [
-        shown["middle"][axis] - roi[axis] if shown["middle"] else (sizes[axis] - 1) / 2 for axis in (0, 1)
-    ]  # fmt: skip
+    middle = np.subtract(shown["middle"], roi) if shown["middle"] else np.subtract(sizes, 1) / 2
     p, q = x - middle[0], y - middle[1]
     basis = {"one": 1, "p": p / shown["lever"], "q": q / shown["lever"]}
     basis |= {"xx": p * p / shown["square"], "xy": p * q / shown["square"], "yy": q * q / shown["square"]}
@@ -52,13 +49,6 @@ def test_what_the_page_holds_is_the_flow(name, rng):
         np.broadcast_arrays(*flow(config, v, x, y, roi), x)[:2],
     )
     assert all("px/half batch" in parameter["unit"] for parameter in shown_motion(config)["parameters"])
-
-
-def test_saved_and_loaded(kept, tmp_path):
-    kept.save(tmp_path / FILE)
-    again = Kept.load(tmp_path / FILE)
-    assert again.details[0].v.shape == (len(kept.details[0].levels) + 1, len(kept.config.motion_model.names))
-    assert render(again, 150.0) == render(kept, 150.0)
 
 
 def test_what_it_says(panning, growing):
@@ -96,7 +86,7 @@ def test_images_and_contrast_in_the_browser(opened, kept):
     size = {"width": config.roi_width, "height": config.roi_height}
     for plot, v in (("still", np.zeros_like(detail.v[-1])), ("moved", detail.v[-1])):
         expected = image_of_warped_events(x, y, dt, flow(config, v, x, y, roi), **size)
-        found = float(report.do(f"return document.getElementById('{plot}').dataset.contrast"))
+        found = float(report.do(f"return $('{plot}').dataset.contrast"))
         assert found == pytest.approx(expected.var(), abs=1e-9)
     assert found == pytest.approx(float(kept.column("contrast")[1]), rel=0.01)  # positions are rounded to 16 bits
     titles = [f"{parameter['title']} [{parameter['unit']}]" for parameter in shown_motion(config)["parameters"]]
@@ -104,27 +94,21 @@ def test_images_and_contrast_in_the_browser(opened, kept):
     for pair in pairs:
         report.do(f"document.querySelector('input[name=pair][value=\"{pair}\"]').click()")
         a, b = map(int, pair.split(","))
-        axes = "const l = document.getElementById('landscape').layout; return [l.xaxis.title.text, l.yaxis.title.text]"
+        axes = "const l = $('landscape').layout; return [l.xaxis.title.text, l.yaxis.title.text]"
         assert report.do(axes) == [titles[a], titles[b]]
         column, row, value = report.do(
-            "const d = document.getElementById('landscape').data[0]; const k = d.x.length - 1;"
-            "return [d.x[k], d.y[0], d.z[0][k]]"
+            "const d = $('landscape').data[0]; const k = d.x.length - 1;return [d.x[k], d.y[0], d.z[0][k]]"
         )
         there = detail.v[-1].copy()
         there[a], there[b] = column, row
         moves = flow(config, there, x, y, roi)
-        u, w = (
-            np.array(report.do(f"return Array.from(dithered(details[1].{axis}, {k}))")) for k, axis in enumerate("xy")
-        )
+        u, w = map(np.array, report.do("return ['x', 'y'].map((axis, k) => Array.from(dithered(details[1][axis], k)))"))
         assert value == pytest.approx(image_of_warped_events(u, w, dt, moves, **size).var(), abs=1e-9)
-        stars = (
-            "return document.getElementById('landscape').data.filter(d => d.marker?.symbol === 'star')"
-            ".map(d => [d.x, d.y])"
-        )
+        stars = "return $('landscape').data.filter(d => d.marker?.symbol === 'star').map(d => [d.x, d.y])"
         assert report.do(stars) == [[[detail.v[-1][a]], [detail.v[-1][b]]]]
-    drawn = report.do("return document.getElementById('rates').data.map(d => d.y)")
+    drawn = report.do("return $('rates').data.map(d => d.y)")
     rates = shown_motion(config)["charts"][0]["lines"]
     for line, name in zip(drawn, rates, strict=False):
         np.testing.assert_array_equal(line, kept.numbers(name))
-    assert "/s]" in report.do("return document.getElementById('rates').layout.yaxis.title.text")
+    assert "/s]" in report.do("return $('rates').layout.yaxis.title.text")
     assert report.errors() == []

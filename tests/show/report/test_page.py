@@ -57,10 +57,6 @@ def test_captions_are_of_what_is_drawn(turning, flagged):
     assert "Dashed: " not in own(report.render(unknown, 210.0))
 
 
-def test_the_same_track_gives_the_same_page(turning):
-    assert report.render(turning, 210.0) == report.render(turning, 210.0)
-
-
 def test_two_hundred_batches_are_below_ten_megabytes(turning):
     """As dense as the star recording, and without a pattern that could be compressed."""
     rng = np.random.default_rng(7)
