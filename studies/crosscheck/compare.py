@@ -237,7 +237,7 @@ def compare_stream(core, rng, most, *, gaps, stalls, model=None):
         cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=model.core.plan)
     core.write_tables(settings)
     late = _late(rng, sum(len(t) for t, _, _ in batches), 40, gaps)
-    results, traces = core.stream(batches, rows, gaps=late, stalls=_late(rng, len(batches), 3000, stalls))
+    results, traces, _ = core.play(batches, rows, gaps=late, stalls=_late(rng, len(batches), 3000, stalls))
     for number, (ports, trace) in enumerate(zip(results, traces, strict=True)):
         _same(f"batch {number} (back to back)", to_batch_result(config, [ports], [trace]), expected[number])
     return np.array([len(batches), sum(result.iterations for result in expected)])
