@@ -1,7 +1,6 @@
 """Register access on the AXI top."""
 
 import cocotb
-from cocotb.triggers import RisingEdge
 
 from support.axi.board import Board
 
@@ -63,62 +62,6 @@ async def partial_strobes(dut):
     offset = board.registers["SCRATCH"].offset
     for k in range(4):
         assert (await board.lite.read_byte(offset + k)) == shadow["SCRATCH"][0] >> 8 * k & 0xFF
-
-
-async def raw_write(board, offset, word, order, *, gap=3, wait=0):
-    """AW and W by hand, BREADY low for ``wait`` cycles of BVALID; cycles until the answer."""
-    dut = board.dut
-    starts = {"AW first": (0, gap), "W first": (gap, 0), "together": (0, 0)}[order]
-    done = {"aw": False, "w": False}
-    for cycle in range(60):
-        for channel, start in zip(done, starts, strict=True):
-            offered = cycle >= start and not done[channel]
-            getattr(dut, f"s_axi_{channel}valid").value = int(offered)
-            if channel == "aw":
-                dut.s_axi_awaddr.value = offset if offered else board.random.getrandbits(16)
-            else:
-                dut.s_axi_wdata.value = word if offered else board.random.getrandbits(32)
-                dut.s_axi_wstrb.value = 0xF if offered else board.random.getrandbits(4)
-        dut.s_axi_bready.value = int(wait == 0)
-        await RisingEdge(dut.aclk)
-        answered = dut.s_axi_bvalid.value == 1
-        assert all(done.values()) or not answered, "an answer before address and data"
-        for channel in done:
-            if getattr(dut, f"s_axi_{channel}valid").value == 1 and getattr(dut, f"s_axi_{channel}ready").value == 1:
-                done[channel] = True
-        if answered and wait == 0:
-            assert dut.s_axi_bresp.value == 0
-            dut.s_axi_bready.value = 0
-            return cycle
-        wait -= answered
-    raise AssertionError(f"no answer: {done}")
-
-
-async def raw_read(board, offset):
-    dut = board.dut
-    dut.s_axi_araddr.value = offset
-    dut.s_axi_arvalid.value = dut.s_axi_rready.value = 1
-    for _ in range(30):
-        await RisingEdge(dut.aclk)
-        if dut.s_axi_arready.value == 1:
-            dut.s_axi_arvalid.value = 0
-        if dut.s_axi_rvalid.value == 1:
-            dut.s_axi_rready.value = 0
-            return int(dut.s_axi_rdata.value)
-    raise AssertionError("no data")
-
-
-@cocotb.test()
-async def address_before_with_and_after_data(dut):
-    board = Board(dut, seed=3, lite=False)
-    await board.reset()
-    offset = board.registers["SCRATCH"].offset
-    for order in ("AW first", "W first", "together"):
-        for gap in (1, 2, 7):
-            for wait in (0, 3):
-                word = board.random.getrandbits(32)
-                await raw_write(board, offset, word, order, gap=gap, wait=wait)
-                assert await raw_read(board, offset) == word, (order, gap)
 
 
 @cocotb.test()
