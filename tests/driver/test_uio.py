@@ -172,7 +172,7 @@ def test_interrupt_of_a_device(tree, monkeypatch):
 
     mine, kernel = socket.socketpair()
     file = os.dup(mine.fileno())
-    monkeypatch.setattr(uio, "_open", lambda path: file)
+    monkeypatch.setattr(uio, "_open", lambda path, question: file)
     monkeypatch.setattr(uio, "Mapping", lambda *_: mmap.mmap(-1, 4096))
     device = UioDevice("cmfpga", root=tree)
     with within(2):

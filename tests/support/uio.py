@@ -17,13 +17,13 @@ class Linux:
         self.broken = False
         bases, usual = {}, uio._open
 
-        def opening(path):
+        def opening(path, question):
             if path.name == "uio3":
                 file, base = Interrupts(self.board, broken=self.broken).file, Board.REGISTERS
             elif path.name == "uio4":
-                file, base = usual(path), Board.DMA
+                file, base = usual(path, question), Board.DMA
             else:
-                return usual(path)
+                return usual(path, question)
             bases[file] = base
             return file
 

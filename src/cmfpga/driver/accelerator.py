@@ -56,7 +56,7 @@ class Accelerator:
         self.config = identify(backend, config)
         self.control = Control(backend, self.config)
         self.registers = self.control.registers
-        self.timeout = _checked(timeout)
+        self.timeout = self._seconds(timeout)
         self.interrupt = backend.has_interrupt if interrupt is None else interrupt
         self.form = form or backend.form
         self.control.check_form(self.form)
@@ -180,7 +180,7 @@ class Accelerator:
     def send(self, words, timeout=None):
         """Send words to ``s_axis``, once those before them have been taken (:func:`cmfpga.protocol.words.encode`)."""
         words = np.ascontiguousarray(words, np.uint64)
-        timeout = self.timeout if timeout is None else _checked(timeout)
+        timeout = self._seconds(timeout)
         for first in range(0, len(words), self.backend.max_words):
             self.backend.wait_sent(timeout)
             self.backend.send(words[first : first + self.backend.max_words])
@@ -198,7 +198,7 @@ class Accelerator:
         DeviceTimeout
             One did not come in time; the others stay.
         """
-        timeout = self.timeout if timeout is None else _checked(timeout)
+        timeout = self._seconds(timeout)
         for _ in range(count):
             yield self.receive(timeout)
 
@@ -212,7 +212,7 @@ class Accelerator:
         list of WireResult
             Those that were not fetched.
         """
-        deadline = time.monotonic() + (self.timeout if timeout is None else _checked(timeout))
+        deadline = time.monotonic() + self._seconds(timeout)
         self.control.write("CTRL")  # begin no other
         if self.control.status("TAKING_IN"):
             self.control.write("CTRL", END_BATCH=1)
@@ -232,10 +232,11 @@ class Accelerator:
 
     def sent(self):
         """Whether all words were taken."""
-        with contextlib.suppress(DeviceTimeout):
+        try:
             self.backend.wait_sent(0)
-            return True
-        return False
+        except DeviceTimeout:
+            return False
+        return True
 
     def check_batchwise(self):
         """Raise :exc:`DeviceError` where batches are processed since :meth:`start`."""
@@ -327,16 +328,15 @@ class Accelerator:
 
     @contextlib.contextmanager
     def _other_timeout(self, timeout):
-        usual = self.timeout
-        self.timeout = usual if timeout is None else _checked(timeout)
+        usual, self.timeout = self.timeout, self._seconds(timeout)
         try:
             yield
         finally:
             self.timeout = usual
 
-
-def _checked(timeout):
-    """A time-out that ends."""
-    if not 0 <= timeout <= LONGEST_SECONDS:
-        raise ConfigError(f"time-out {timeout} s: 0 to {LONGEST_SECONDS} s is allowed")
-    return timeout
+    def _seconds(self, timeout):
+        """A time-out that ends, by default the usual one."""
+        timeout = self.timeout if timeout is None else timeout
+        if not 0 <= timeout <= LONGEST_SECONDS:
+            raise ConfigError(f"time-out {timeout} s: 0 to {LONGEST_SECONDS} s is allowed")
+        return timeout
