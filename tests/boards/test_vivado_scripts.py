@@ -6,12 +6,14 @@ import shutil
 
 import pytest
 
-from support.board_files import BOARD
+from cmfpga.cli import build as build_command
+from support.board_files import BOARD, check_ports
 
 pytest.importorskip("tkinter", reason="needs Python's tkinter: apt-get install python3-tk")
 
 from support.vivado.catalog import COMMANDS
 from support.vivado.commands import constrain
+from support.vivado.interfaces import infer
 from support.vivado.model import Vivado
 
 SCRIPTS = BOARD / "vivado"
@@ -105,6 +107,20 @@ def test_every_command_and_option_of_the_catalogue_is_used(packaged, rtl):
         f"{name} {option}" for name, usage in COMMANDS.items() for option in re.findall(r"(?<!\S)!?(-\w+)", usage)
     }
     assert used == options | set(COMMANDS)
+
+
+def test_what_is_emitted_has_the_ports_of_the_facts_and_is_built(tmp_path, command, maker, facts):
+    """Not the stand-in: what ``cmfpga build --top kv260`` writes."""
+    size = "--set", "buffer_events=64"
+    done = command(build_command, "--top", "kv260", "--preset", "fast", *size, "--out", tmp_path / "rtl")
+    assert done.status == 0, done.err
+    verilog = tmp_path / "rtl" / "cmfpga_kv260.v"
+    tcl = dict(line.split(maxsplit=2)[1:] for line in maker.facts_tcl(facts).splitlines() if line.startswith("set"))
+    tcl = {name.removeprefix("fact(").removesuffix(")"): value.strip("{}") for name, value in tcl.items()}
+    check_ports(infer(verilog.read_text(encoding="utf-8"), facts["design"]["top"]), tcl)
+    for done in (package(tmp_path, verilog, tmp_path / "rtl" / "regs.tcl"), build(tmp_path)):
+        assert done.status == 0, done.said
+    assert "<register " in (tmp_path / "ip" / "component.xml").read_text(encoding="utf-8")
 
 
 #: A run that goes wrong in Vivado: what it finds, and what the script must say.
