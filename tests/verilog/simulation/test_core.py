@@ -159,18 +159,6 @@ def test_reset_in_the_middle_of_a_batch(pair, rng):
         assert_same(rtl, expected)
 
 
-def test_a_batch_ends_by_count_and_at_the_counter_s_limit(verilated_core):
-    config = verilated_core.config
-    most = config.max_batch_events
-    x = y = np.zeros(2 * most, np.int64)
-    settings = settings_values(config, replace(BatchSettings.from_config(config, (0, 0)), iterations=2))
-    for batch_events, events, cut in ((7, 7, False), (most, most, False), (0, most, True)):
-        settings |= {"batch_events": batch_events}
-        (values,), _, _ = verilated_core.play([(np.arange(2 * most), x, y)], [settings], open_end=True)
-        assert (values["events"], values["accepted"]) == (events, events)
-        assert bool(values["flags"] & 16) == cut
-
-
 def test_batches_back_to_back_without_a_pause(pair, rng):
     """The next batch is offered while the one before is optimised; gaps and stalls change nothing but the time."""
     core, _, batches = pair
@@ -255,29 +243,6 @@ def test_a_full_buffer_thins_out_evenly(depth, buffers, rng):
         assert (Flag.THINNED in rtl.flags) == bool(rtl.thinned) and Flag.OVERFLOW not in rtl.flags
     assert found[0].thinned
     core.close()
-
-
-def test_a_batch_ends_when_enough_roi_events_are_stored(rng):
-    """Exactly at that event, however events arrive; what comes after it belongs to the next batch."""
-    for config in (CONFIGS["two by two"], CONFIGS["fast, odd sizes"]):
-        core, model = VerilatedCore(config), IntegerCore(config)
-        settings = replace(BatchSettings.from_config(config, (3, 2)), iterations=2)
-        core.write_schedule(schedule_table(config, settings))
-        for wanted in (1, 2, 5, config.buffer_events):
-            x, y = rng.integers(config.sensor_width, size=20_000), rng.integers(config.sensor_height, size=20_000)
-            t = np.cumsum(rng.integers(1, 5, len(x)))
-            inside = (x >= 3) & (x < 3 + config.roi_width) & (y >= 2) & (y < 2 + config.roi_height)
-            end = int(np.flatnonzero(inside)[wanted - 1]) + 1
-            gaps = rng.integers(0, 9, len(x)) * (rng.random(len(x)) < 0.4) if wanted % 2 else None
-            ports = settings_values(config, settings) | {"batch_roi_events": wanted}
-            (values,), traces, _ = core.play([(t, x, y)], [ports], gaps=gaps, open_end=True)
-            expected = model.run(t[:end], x[:end], y[:end], settings)
-            assert values["events"] == end
-            assert values["accepted"] == end or config.buffers == 2  # which begins the next batch at once
-            assert_same(to_batch_result(config, [values], traces), expected)
-            core.reset()
-            model = IntegerCore(config)
-        core.close()
 
 
 def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
