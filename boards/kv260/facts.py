@@ -8,7 +8,6 @@ Needs Python 3.11 and nothing else.
 """
 
 import argparse
-import json
 import sys
 import tomllib
 from pathlib import Path
@@ -221,19 +220,9 @@ def dtso(facts):
 """
 
 
-def shell_json(_):
-    """What dfx-mgr reads: one flat slot, no xclbin (as AMD's, Prophesee's and corundum's applications)."""
-    return json.dumps({"shell_type": "XRT_FLAT", "num_slots": "1"}) + "\n"
-
-
 def bif(facts):
     """For those who prefer bootgen to ``bit2bin.py``."""
     return f"/* {NOTE} */\nall:\n{{\n\t[destination_device = pl] {facts['design']['name']}.bit\n}}\n"
-
-
-def uio_conf(_):
-    """Tells the UIO driver which nodes are its own."""
-    return f"# {NOTE}\noptions uio_pdrv_genirq of_id=generic-uio\n"
 
 
 def make_variables(facts):
@@ -284,8 +273,6 @@ FILES = {
     "boards/kv260/vivado/cmfpga_ooc.xdc": ooc_xdc,
     "boards/kv260/sw/cmfpga.dtso": dtso,
     "boards/kv260/sw/cmfpga.bif": bif,
-    "boards/kv260/sw/shell.json": shell_json,
-    "boards/kv260/sw/uio.conf": uio_conf,
     "src/cmfpga/boards/kv260.py": python_module,
 }
 
