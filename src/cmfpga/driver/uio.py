@@ -171,17 +171,8 @@ class UdmaBuffer:
 class UioBackend(DmaBackend):
     """The accelerator behind plain Linux.
 
-    Parameters
-    ----------
-    board : AxiBoard
-        It has the names of the UIO devices, the buffers and the clock.
-    root : path
-        ``/``; another folder for tests.
-
-    Raises
-    ------
-    DeviceError
-        Something is missing: which, and what may be the reason.
+    ``board`` has the names of the UIO devices, the buffers and the clock; ``root`` is another folder for tests. Raises
+    :exc:`DeviceError` where something is missing: which, and what may be the reason.
     """
 
     name = "UIO"

@@ -116,12 +116,7 @@ def _text(content):
 
 
 class Pads(Elaboratable):
-    """The emitted top, as a black box, between pads and what makes its clock.
-
-    Parameters
-    ----------
-    board : SerialBoard
-    """
+    """The emitted top, as a black box, between a :class:`SerialBoard`'s pads and what makes its clock."""
 
     def __init__(self, board):
         self._board = board

@@ -31,12 +31,12 @@ def compile_library(core):
     Processes that need the same one at the same time wait for the first of them, which compiles it. Raises
     :exc:`CompilerError`.
     """
-    return _library(core, top=TOP, harness=_harness("harness.cpp"), ports=_ports_include(core))
+    return _library(core, TOP, "harness.cpp", _ports_include(core))
 
 
 def compile_axi_library(top):
     """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
-    return _library(top, top=AXI_TOP, harness=_harness("axi_harness.cpp"))
+    return _library(top, AXI_TOP, "axi_harness.cpp")
 
 
 def load(path):
@@ -50,25 +50,18 @@ def load(path):
 def is_sound(library):
     """Whether the file is there, as it was made: the digest beside it fits."""
     try:
-        return _digest_file(library).read_bytes() == _digest(library)
+        return library.with_suffix(".sha256").read_bytes() == _digest(library)
     except OSError:
         return False
-
-
-def _digest_file(library):
-    return library.with_suffix(".sha256")
 
 
 def _digest(library):
     return hashlib.sha256(library.read_bytes()).hexdigest().encode()
 
 
-def _harness(name):
-    return importlib.resources.files("cmfpga.verilog").joinpath(name).read_text()
-
-
-def _library(design, *, top, harness, ports=""):
-    """The library of a top module, whose C++ class is ``Vcore``; ``harness`` and ``ports`` are texts of C++."""
+def _library(design, top, harness, ports=""):
+    """The library of a top module, whose C++ class is ``Vcore``; ``harness`` is a file of C++, ``ports`` a text."""
+    harness = importlib.resources.files("cmfpga.verilog").joinpath(harness).read_text()
     compiler, version = require_compiler()  # before the Verilog, which takes seconds
     tools = f"{find_verilator().version} {version}"
     verilog = kept_verilog(design, top)
@@ -123,11 +116,11 @@ def kept_file(name, build):
             try:
                 built = scratch / name
                 build(scratch, built)
-                digest = _digest_file(built)
+                digest = built.with_suffix(".sha256")
                 digest.write_bytes(_digest(built))
                 # Atomic, each: who finds only one of the two new takes the lock, and looks again.
                 built.replace(path)
-                digest.replace(_digest_file(path))
+                digest.replace(path.with_suffix(".sha256"))
             finally:
                 shutil.rmtree(scratch, ignore_errors=True)
     return path

@@ -50,7 +50,6 @@ class VerilatedCore:
     Attributes
     ----------
     table : RegionTable or None
-        That of hardware with one.
     offered, finished : list of int
         Of the batches of the last :meth:`results`: the clock cycle of the first event's offer, and of the last result.
     """
