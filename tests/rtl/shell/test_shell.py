@@ -7,11 +7,12 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, result_values, setting_words, split_packets
 from cmfpga.reference.wire import to_beats
 from cmfpga.rtl.shell import payloads
 from cmfpga.rtl.shell.shell import Shell
-from support.axi.expected import Expected, default_settings, links, moving_events, same
+from support.axi.expected import Expected, links, moving_events, same
 from support.axi_streams import pass_through
 from support.configs import CONFIGS, LEVELS
 
@@ -67,7 +68,7 @@ def writes_of(config, settings):
 @pytest.mark.parametrize("name", BOTH)
 def test_a_board_without_a_processor_equals_the_model(name, rng):
     config = BOTH[name]
-    settings, model = default_settings(config, (9, 8)), Expected(config)
+    settings, model = BatchSettings.from_config(config, (9, 8)), Expected(config)
     block = Standalone(config, list(writes_of(config, settings)))
     beats = to_beats(encode(moving_events(config, 90, 1), "EVT21"))
     (batch,), _ = model.receive(beats, "EVT21")

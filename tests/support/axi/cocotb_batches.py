@@ -10,11 +10,12 @@ from cocotb.triggers import ClockCycles
 from cmfpga.events.arrays import Events
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, swap_halves
 from cmfpga.reference.wire import BatchEnds, Beat, to_beats
 from cmfpga.rtl.axi.top import AxiTop
 from support.axi.board import CONFIG, Board
-from support.axi.expected import Expected, default_settings, links, moving_events, same
+from support.axi.expected import Expected, links, moving_events, same
 
 FORMATS = {"EVT21": 0, "EVT20": 1, "PACKED": 2}
 ROI = ((CONFIG.sensor_width - CONFIG.roi_width) // 2, (CONFIG.sensor_height - CONFIG.roi_height) // 2)
@@ -25,7 +26,7 @@ async def begin(dut, *, seed=0, pauses=0.0, ends=None, form="PACKED"):
     """A board out of reset, its settings written, ROI loaded, running: ``(board, expected, settings of batch 1)``."""
     board = Board(dut, seed=seed, pauses=pauses)
     await board.reset()
-    settings = default_settings(CONFIG, ROI)
+    settings = BatchSettings.from_config(CONFIG, ROI)
     await board.apply(links(CONFIG, settings, ends))
     await board.write("INPUT", FORMAT=form)
     await board.write("CTRL", **RUN)
@@ -171,7 +172,7 @@ async def one_batch_at_a_time(dut):
     """START without AUTO_RESTART; DONE, hold, interrupts; results in registers only."""
     board = Board(dut, seed=4)
     await board.reset()
-    expected, settings = Expected(CONFIG), default_settings(CONFIG, ROI)
+    expected, settings = Expected(CONFIG), BatchSettings.from_config(CONFIG, ROI)
     await board.apply(links(CONFIG, settings))
     await board.write("OUTPUT", STREAM_RESULTS=0)
     await board.write("INPUT", FORMAT="EVT20")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cmfpga.config import preset
-from support.axi.simulators import Simulation, require
+from support.axi.simulators import require, simulate
 
 SMALL = {"sensor_width": 64, "sensor_height": 48, "roi_width": 16, "roi_height": 12, "buffer_events": 128}
 CONFIGS = {
@@ -39,7 +39,7 @@ def check(simulator, config, tests, folder):
     for module, names in tests.items():
         known = names_in(module)
         assert len(known) >= 3 and names and set(names) <= set(known)
-    found, said = Simulation(simulator, CONFIGS[config], folder).run(tests)
+    found, said = simulate(simulator, CONFIGS[config], tests, folder)
     asked = [test for names in tests.values() for test in names]
     assert len({*asked}) == len(asked)
     wrong = {test: found.get(test, "did not run") for test in asked if found.get(test, "did not run") is not None}
