@@ -19,7 +19,7 @@ from amaranth_boards.ulx3s import ULX3S_85F_Platform
 from ..boards import TANG_PRIMER_20K
 from ..verilog.emit import sha256
 from .families import FAMILIES, TIMING, luts_of_four
-from .gates import pack
+from .packing import pack
 from .place import listed, require_tools
 from .tools import EstimateError, read_json, run, yosys
 
