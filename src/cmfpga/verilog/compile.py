@@ -31,12 +31,12 @@ def compile_library(core):
     Processes that need the same one at the same time wait for the first of them, which compiles it. Raises
     :exc:`CompilerError`.
     """
-    return _library(core, TOP, "harness.cpp", _ports_include(core))
+    return _library(core, top=TOP, harness="harness.cpp", ports=_ports_include(core))
 
 
 def compile_axi_library(top):
     """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
-    return _library(top, AXI_TOP, "axi_harness.cpp")
+    return _library(top, top=AXI_TOP, harness="axi_harness.cpp")
 
 
 def load(path):
@@ -59,7 +59,7 @@ def _digest(library):
     return hashlib.sha256(library.read_bytes()).hexdigest().encode()
 
 
-def _library(design, top, harness, ports=""):
+def _library(design, *, top, harness, ports=""):
     """The library of a top module, whose C++ class is ``Vcore``; ``harness`` is a file of C++, ``ports`` a text."""
     harness = importlib.resources.files("cmfpga.verilog").joinpath(harness).read_text()
     compiler, version = require_compiler()  # before the Verilog, which takes seconds
