@@ -31,12 +31,12 @@ def compile_library(core):
     Processes that need the same one at the same time wait for the first of them, which compiles it. Raises
     :exc:`CompilerError`.
     """
-    return _library(core, top=TOP, harness="harness.cpp", ports=_ports_include(core))
+    return _library(core, top=TOP, harness=_harness("harness.cpp"), ports=_ports_include(core))
 
 
 def compile_axi_library(top):
     """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
-    return _library(top, top=AXI_TOP, harness="axi_harness.cpp")
+    return _library(top, top=AXI_TOP, harness=_harness("axi_harness.cpp"))
 
 
 def load(path):
@@ -59,9 +59,12 @@ def _digest(library):
     return hashlib.sha256(library.read_bytes()).hexdigest().encode()
 
 
+def _harness(name):
+    return importlib.resources.files("cmfpga.verilog").joinpath(name).read_text()
+
+
 def _library(design, *, top, harness, ports=""):
-    """The library of a top module, whose C++ class is ``Vcore``; ``harness`` is a file of C++, ``ports`` a text."""
-    harness = importlib.resources.files("cmfpga.verilog").joinpath(harness).read_text()
+    """The library of a top module, whose C++ class is ``Vcore``; ``harness`` and ``ports`` are texts of C++."""
     compiler, version = require_compiler()  # before the Verilog, which takes seconds
     tools = f"{find_verilator().version} {version}"
     verilog = kept_verilog(design, top)
@@ -182,6 +185,12 @@ def _ports_include(core):
             value = f"static_cast<int64_t>(static_cast<uint64_t>(top.{name}) << {64 - len(port)}) >> {64 - len(port)}"
         return f"    to[{index}] = {value};"
 
+    def getters(prefix, but="\0"):
+        return [getter(f"{prefix}{name}", index) for index, name in enumerate(port_names(core.outputs, prefix, but))]
+
+    def function(head, lines):
+        return [f"static {head} {{", *lines, "}"]
+
     settings = [setter(f"settings_{name}", f"from[{k}]") for k, name in enumerate(port_names(core.inputs, "settings_"))]
     events = [setter(f"event_{name}", name) for name in ("t", "x", "y", "last")]
     tables = []
@@ -197,32 +206,22 @@ def _ports_include(core):
         f"enum {{ SETTINGS_VALUES = {len(settings)} }};",
         f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
         f"static bool busy(const Vcore &top) {{ return {busy}; }}",
-        "static void set_table(Vcore &top, int table, int64_t valid, const int64_t *row) {",
-        *tables,
-        "}",
-        "static void set_settings(Vcore &top, const int64_t *from) {",
-        *settings,
-        "}",
-        "static void set_event(Vcore &top, int64_t t, int64_t x, int64_t y, int64_t last) {",
-        *events,
-        "}",
+        *function("void set_table(Vcore &top, int table, int64_t valid, const int64_t *row)", tables),
+        *function("void set_settings(Vcore &top, const int64_t *from)", settings),
+        *function("void set_event(Vcore &top, int64_t t, int64_t x, int64_t y, int64_t last)", events),
     ]
     groups = ("result", "result_", "RESULT"), ("pixels", "trace_pixels_", "PIXEL"), ("wave", "wave_", "WAVE")
     for group, prefix, constant in groups:
-        names = port_names(core.outputs, prefix)
-        lines += [f"enum {{ {constant}_VALUES = {len(names)} }};"]
-        lines += [f"static void get_{group}(const Vcore &top, int64_t *to) {{"]
-        lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]
-        lines += ["}"]
-    prefixes = trace_prefixes(core)
-    lines += [f"enum {{ TRACE_VALUES = {len(port_names(core.outputs, prefixes[0], 'trace_pixels'))} }};"]
-    lines += ["static int64_t get_traces(const Vcore &top, int64_t *to, int64_t rows) {", "    int64_t count = 0;"]
-    for prefix in prefixes:
-        lines += [f"    if (top.{prefix}valid && count++ < rows) {{"]
-        names = port_names(core.outputs, prefix, "trace_pixels")
-        lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]
-        lines += ["    to += TRACE_VALUES;", "    }"]
-    lines += ["    return count;", "}"]
+        lines += [f"enum {{ {constant}_VALUES = {len(getters(prefix))} }};"]
+        lines += function(f"void get_{group}(const Vcore &top, int64_t *to)", getters(prefix))
+    traces = ["    int64_t count = 0;"]
+    for prefix in trace_prefixes(core):
+        row = getters(prefix, "trace_pixels")
+        traces += [f"    if (top.{prefix}valid && count++ < rows) {{", *row, "    to += TRACE_VALUES;", "    }"]
+    lines += [f"enum {{ TRACE_VALUES = {len(row)} }};"]
+    lines += function(
+        "int64_t get_traces(const Vcore &top, int64_t *to, int64_t rows)", [*traces, "    return count;"]
+    )  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
