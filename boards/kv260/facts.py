@@ -141,14 +141,6 @@ set_property BITSTREAM.CONFIG.OVERTEMPSHUTDOWN ENABLE [current_design]
 """
 
 
-def ooc_xdc(facts):
-    """The clock of the core alone, for out-of-context runs of your own; ``ooc.tcl`` makes its own."""
-    return (
-        f"# {NOTE}\n# set_property USED_IN out_of_context on this file: in a design the clock comes from outside.\n"
-        f"create_clock -name aclk -period {1000 / facts['clock']['mhz']:.3f} [get_ports aclk]\n"
-    )
-
-
 def dtso(facts):
     """The device-tree overlay. Labels, not paths, name the targets: the paths differ between kernels."""
     clock, control, interrupt, linux = facts["clock"], facts["control"], facts["interrupt"], facts["linux"]
@@ -270,7 +262,6 @@ FILES = {
     "boards/kv260/facts.mk": make_variables,
     "boards/kv260/vivado/facts.tcl": facts_tcl,
     "boards/kv260/vivado/kv260.xdc": xdc,
-    "boards/kv260/vivado/cmfpga_ooc.xdc": ooc_xdc,
     "boards/kv260/sw/cmfpga.dtso": dtso,
     "boards/kv260/sw/cmfpga.bif": bif,
     "src/cmfpga/boards/kv260.py": python_module,

@@ -62,11 +62,9 @@ def test_interrupt_clock_and_reset(facts):
 
 
 def test_clock(tcl, facts):
-    (period,) = re.findall(r"-period ([\d.]+)", text_of("vivado/cmfpga_ooc.xdc"))
     mhz = int(tcl["clock_mhz"])
     assert KV260.clock_hz == int(tcl["clock_hertz"]) == facts["clock"]["hertz"]
     assert 0 <= mhz * 1_000_000 - KV260.clock_hz < 20 * mhz  # the PS stays below what is asked, never above
-    assert float(period) == 1000 / mhz
     assert f"CLOCK_MHZ := {mhz}\n" in text_of("facts.mk")
     assert "create_clock" not in text_of("vivado/kv260.xdc")
 

@@ -12,7 +12,6 @@ from support.board_files import BOARD, check_ports
 pytest.importorskip("tkinter", reason="needs Python's tkinter: apt-get install python3-tk")
 
 from support.vivado.catalog import COMMANDS
-from support.vivado.commands import constrain
 from support.vivado.interfaces import infer
 from support.vivado.model import Vivado
 
@@ -88,16 +87,13 @@ def test_design_has_the_addresses_and_widths_of_the_facts(packaged, facts):
     assert {design.driver(name) for name in clocks} == {"ps/pl_clk0"}
 
 
-def test_out_of_context(tmp_path, rtl, facts):
+def test_out_of_context(tmp_path, rtl):
     done = out_of_context(tmp_path, rtl[0], "250")
     assert done.status == 0, done.said
     summary = json.loads((tmp_path / "ooc" / "summary.json").read_text(encoding="utf-8"))
     assert (summary["flow"], summary["clock_mhz"], summary["fmax_mhz"]) == ("out_of_context", 250, 257.7)
     assert done.clocks == {"aclk": 4.0}
     assert out_of_context(tmp_path, rtl[0], "200", found={"wns": "-0.5"}).status == 1
-    session = Vivado()
-    session.done.add("read_xdc")
-    assert constrain(session, ["aclk"], [SCRIPTS / "cmfpga_ooc.xdc"]) == {"aclk": 1000 / facts["clock"]["mhz"]}
 
 
 def test_every_command_and_option_of_the_catalogue_is_used(packaged, rtl):
