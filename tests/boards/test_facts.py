@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 
-from support.board_files import BOARD, KV260, ROOT, check_ports, stand_in
+from support.board_files import BOARD, KV260, ROOT
 from support.vivado.interfaces import infer
 
 
@@ -82,9 +82,24 @@ def test_names(tcl, facts):
     assert json.loads(text_of("sw/shell.json")) == {"shell_type": "XRT_FLAT", "num_slots": "1"}
 
 
-def test_widths(tcl, facts):
-    """The stand-in, with which the Vivado scripts are tested, has the widths of the facts."""
-    check_ports(infer(stand_in(), facts["design"]["top"]), tcl)
+def test_widths(tcl, emitted):
+    """Interfaces and their widths are those of the facts."""
+    interfaces, listed = infer(emitted, KV260.top), tcl["ip_interfaces"].split()
+    assert {name: (i["bus"], i["mode"]) for name, i in interfaces.items()} == {
+        name: (bus, mode) for name, bus, mode in zip(listed[::3], listed[1::3], listed[2::3], strict=True)
+    }
+    width = {(name, signal): bits for name, i in interfaces.items() for signal, (_, _, bits) in i["ports"].items()}
+    for stream in ("s_axis", "m_axis"):
+        assert (
+            width[stream, "TDATA"] == 8 * width[stream, "TKEEP"] == KV260.stream_width == 8 * int(tcl["stream_bytes"])
+        )
+        assert width[stream, "TUSER"] == int(tcl["stream_user_width"])
+        assert (stream, "TLAST") in width
+    assert width["s_axi", "WDATA"] == width["s_axi", "RDATA"] == KV260.registers_width
+    assert 1 << width["s_axi", "AWADDR"] == 1 << width["s_axi", "ARADDR"] == KV260.registers_size
+    assert int(tcl["dma_data_width"]) == KV260.stream_width
+    assert int(tcl["dma_length_width"]) == KV260.dma_length_bits
+    assert int(tcl["dma_address_width"]) == KV260.dma_address_bits
 
 
 def test_the_guide_says_the_same(facts):
