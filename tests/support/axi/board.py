@@ -139,12 +139,12 @@ class Board:
             for register, word in window_words(self.registers, "node", values):
                 await self.write_word(register.offset, word)
 
-    async def until(self, name, field, value=1, *, polls=4000):
-        """Poll a field; how often."""
-        for k in range(polls):
+    async def until(self, name, field, value=1):
+        """Poll a field."""
+        for _ in range(4000):
             if await self.read(name, field) == value:
-                return k
-        raise AssertionError(f"{name}.{field} is not {value} after {polls} reads")
+                return
+        raise AssertionError(f"{name}.{field} is not {value} after 4000 reads")
 
     async def result_registers(self):
         """The result as the registers show it."""

@@ -38,10 +38,10 @@ def following(settings):
     return dataclasses.replace(settings, roi=None)
 
 
-async def compare(board, expected, batches, settings, **flags):
+async def compare(board, expected, batches, settings):
     """Results of these batches, one packet each; the last one in the registers too."""
     for batch in batches:
-        wanted = expected.result(batch, settings, **flags)
+        wanted = expected.result(batch, settings)
         same(await board.result(), wanted)
         settings = following(settings)
     same(await board.result_registers(), wanted)
