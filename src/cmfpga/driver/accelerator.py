@@ -186,17 +186,9 @@ class Accelerator:
             self.backend.send(words[first : first + self.backend.max_words])
 
     def results(self, count, timeout=None):
-        """The next results, as they come.
+        """The next ``count`` results, each a :class:`WireResult`, as they come.
 
-        Yields
-        ------
-        WireResult
-            ``count`` of them.
-
-        Raises
-        ------
-        DeviceTimeout
-            One did not come in time; the others stay.
+        Raises :exc:`DeviceTimeout`: one did not come in time; the others stay.
         """
         timeout = self._seconds(timeout)
         for _ in range(count):
@@ -205,12 +197,8 @@ class Accelerator:
     def stop(self, timeout=None):
         """End :meth:`start`: end the batch, or the run, under way with the events that have come, begin no other.
 
-        Words that no batch took are forgotten, and with them counters, v and the ROI; with slices always.
-
-        Returns
-        -------
-        list of WireResult
-            Those that were not fetched.
+        Returns the list of results that were not fetched. Words that no batch took are forgotten, and with them
+        counters, v and the ROI; with slices always.
         """
         deadline = time.monotonic() + self._seconds(timeout)
         self.control.write("CTRL")  # begin no other
@@ -286,15 +274,7 @@ class Accelerator:
     def self_test(self, *, timeout=None):
         """Check identity, registers, interrupt, and one batch whose result is known.
 
-        Returns
-        -------
-        dict of str to str
-            What was found, by the name of the check, in order.
-
-        Raises
-        ------
-        DeviceError
-            The first check that failed.
+        ``{name of the check: what was found}``, in order. Raises :exc:`DeviceError`: the first check that failed.
         """
         from .golden import self_test
 

@@ -28,21 +28,11 @@ SEEDS = 5
 
 
 def bitstream(verilog, board, path, *, seeds=SEEDS, report=lambda doing: None):
-    """Write the bitstream of ``board`` at ``path``; JSON-ready: clocks, resources, versions. Minutes.
+    """Write the bitstream of a :class:`SerialBoard` at ``path``; JSON-ready: clocks, resources, versions. Minutes.
 
-    Parameters
-    ----------
-    verilog : str
-        What :func:`cmfpga.verilog.emit.emit_verilog` gave of the serial top.
-    board : SerialBoard
-    path : Path
-    seeds : int
-        Placements to try, from the random numbers 1 … ``seeds``; the first that meets all clocks is taken.
-
-    Raises
-    ------
-    EstimateError
-        A tool is missing or failed, or no placement meets the clocks; then nothing is written.
+    ``verilog`` is the text of the serial top. Of the placements from the random numbers 1 … ``seeds`` the first that
+    meets all clocks is taken. Raises :exc:`EstimateError` where a tool is missing or failed, or no placement meets the
+    clocks; then nothing is written.
     """
     versions, flow, family = require_tools(board.device), FLOWS[board.name], FAMILIES[board.device]
     plan = flow.platform().prepare(Pads(board), "pads")
