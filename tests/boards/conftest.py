@@ -5,10 +5,12 @@ import shutil
 
 import pytest
 
+from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.registers.documents import tcl
 from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.verilog.compile import kept_verilog
 from cmfpga.verilog.emit import AXI_TOP
-from support.board_files import KV260, REGISTERS, load
+from support.board_files import KV260, load
 from support.designs import SHELL
 
 
@@ -44,8 +46,8 @@ def emitted():
 
 @pytest.fixture
 def rtl(tmp_path, emitted):
-    """``(Verilog, regs.tcl)``."""
+    """``(Verilog, regs.tcl)``, as ``cmfpga build --top kv260`` writes them."""
     verilog, registers = tmp_path / "cmfpga_kv260.v", tmp_path / "regs.tcl"
     verilog.write_text(emitted, encoding="utf-8")
-    registers.write_text(REGISTERS, encoding="utf-8")
+    registers.write_text(tcl(register_map(SHELL)), encoding="utf-8")
     return verilog, registers

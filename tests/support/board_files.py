@@ -32,17 +32,3 @@ def bitstream(part, words=64, seed=1):
     for key, text in texts:
         bit += key.encode() + struct.pack(">H", len(text) + 1) + text.encode() + b"\0"
     return bit + b"e" + struct.pack(">I", len(data)) + data
-
-
-#: What the register map's generator writes, in little.
-REGISTERS = """\
-proc cmfpga_registers {address_block} {
-    set register [ipx::add_register CTRL $address_block]
-    set_property address_offset 0x0 $register
-    set_property size 32 $register
-    set_property access read-write $register
-    set field [ipx::add_field start $register]
-    set_property bit_offset 0 $field
-    set_property bit_width 1 $field
-}
-"""
