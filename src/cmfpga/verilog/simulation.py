@@ -189,16 +189,8 @@ class VerilatedCore:
     def results(self, batches, settings, *, gaps=None, stalls=None, max_cycles=None):
         """Batches without a pause between them: a list of :class:`BatchResult`, as the integer model's.
 
-        Parameters
-        ----------
-        batches : list of (t, x, y)
-            Events; at least one per batch.
-        settings : BatchSettings
-            Of all of them.
-        gaps, stalls : int arrays, optional
-            Idle cycles before each event, and before each result of a region is taken.
-        max_cycles : int, optional
-            Give up after these; by default after more than the batches can take.
+        For the parameters see :meth:`play`; ``settings``, a :class:`BatchSettings`, are those of all batches, and there
+        is a stall of each region's result. By default it gives up after more cycles than the batches can take.
         """
         config, regions = self.config, self.table.regions if self.table else [None]
         if not regions:
@@ -226,7 +218,7 @@ class VerilatedCore:
     def slide(self, t, x, y, settings, *, gaps=None, stalls=None, each=False):
         """Events into a core whose windows slide, which goes on where it was: a :class:`BatchResult` of each hop.
 
-        See :meth:`results` for the parameters, and ``valid`` of the attribute :attr:`finished`. With ``each``,
+        See :meth:`results` for the settings, and ``valid`` of the attribute :attr:`finished`. With ``each``,
         :attr:`offered` has the clock cycle in which each event was offered first, else that of the first one.
         """
         config = self.config
