@@ -181,9 +181,9 @@ def record(config, batch):
     with contextlib.closing(VerilatedCore(config, core=core)) as running:
         running.write_tables(settings)
         running.start_waves()
-        ports, trace, _ = running.run(events.t, events.x, events.y, settings_values(config, settings))
+        rows, traces, _ = running.play([(events.t, events.x, events.y)], [settings_values(config, settings)])
         waves = running.take_waves()
-    again = to_batch_result(config, [ports], [trace])
+    again = to_batch_result(config, rows, traces)
     if again.trace != batch.result.trace:
         raise AssertionError("the batch by itself ran otherwise than in the track")
     opened = _cycles_of(core.probes, waves, "core", "opened")[0]
