@@ -174,31 +174,21 @@ class Vectors:
     def include(self):
         """``vectors.vh``."""
         made = f"make_vectors.py of cmfpga {__version__} for configuration {self.config.hardware_hash[:16]}"
-        return (
-            "\n".join(
-                [
-                    f"// Written by {made}.",
-                    "// Numbers of words and clock cycles; the core's ports, and what is done with all of them.",
-                    *(f"localparam {name} = {value};" for name, value in self.constants().items()),
-                    *verilog.declarations(self.core),
-                    *verilog.fill_banks(self.core),
-                    *(
-                        line
-                        for name in ("events", "batches")
-                        for line in verilog.drive(name, self.columns[name], self.ports)
-                    ),
-                    *verilog.write_table("schedule", "schedule", self.columns["schedule"]),
-                    *verilog.write_table("nodes", "node", self.columns["nodes"]),
-                    *(
-                        line
-                        for name in ("results", "trace")
-                        for line in verilog.compare(name, self.columns[name], self.ports)
-                    ),
-                    *verilog.pixels(self.widths("trace_pixels_"), self.columns["trace"]),
-                ]
-            )
-            + "\n"
-        )
+        lines = [
+            f"// Written by {made}.",
+            "// Numbers of words and clock cycles; the core's ports, and what is done with all of them.",
+            *(f"localparam {name} = {value};" for name, value in self.constants().items()),
+            *verilog.declarations(self.core),
+            *verilog.fill_banks(self.core),
+        ]
+        for name in ("events", "batches"):
+            lines += verilog.drive(name, self.columns[name], self.ports)
+        for name, port in (("schedule", "schedule"), ("nodes", "node")):
+            lines += verilog.write_table(name, port, self.columns[name])
+        for name in ("results", "trace"):
+            lines += verilog.compare(name, self.columns[name], self.ports)
+        lines += verilog.pixels(self.widths("trace_pixels_"), self.columns["trace"])
+        return "\n".join(lines) + "\n"
 
     def write(self, folder):
         """All files of the simulation into ``folder``."""

@@ -8,7 +8,6 @@ Needs Python 3.11 and nothing else.
 """
 
 import argparse
-import json
 import sys
 import tomllib
 from pathlib import Path
@@ -142,14 +141,6 @@ set_property BITSTREAM.CONFIG.OVERTEMPSHUTDOWN ENABLE [current_design]
 """
 
 
-def ooc_xdc(facts):
-    """The clock of the core alone, for out-of-context runs of your own; ``ooc.tcl`` makes its own."""
-    return (
-        f"# {NOTE}\n# set_property USED_IN out_of_context on this file: in a design the clock comes from outside.\n"
-        f"create_clock -name aclk -period {1000 / facts['clock']['mhz']:.3f} [get_ports aclk]\n"
-    )
-
-
 def dtso(facts):
     """The device-tree overlay. Labels, not paths, name the targets: the paths differ between kernels."""
     clock, control, interrupt, linux = facts["clock"], facts["control"], facts["interrupt"], facts["linux"]
@@ -221,19 +212,9 @@ def dtso(facts):
 """
 
 
-def shell_json(_):
-    """What dfx-mgr reads: one flat slot, no xclbin (as AMD's, Prophesee's and corundum's applications)."""
-    return json.dumps({"shell_type": "XRT_FLAT", "num_slots": "1"}) + "\n"
-
-
 def bif(facts):
     """For those who prefer bootgen to ``bit2bin.py``."""
     return f"/* {NOTE} */\nall:\n{{\n\t[destination_device = pl] {facts['design']['name']}.bit\n}}\n"
-
-
-def uio_conf(_):
-    """Tells the UIO driver which nodes are its own."""
-    return f"# {NOTE}\noptions uio_pdrv_genirq of_id=generic-uio\n"
 
 
 def make_variables(facts):
@@ -281,11 +262,8 @@ FILES = {
     "boards/kv260/facts.mk": make_variables,
     "boards/kv260/vivado/facts.tcl": facts_tcl,
     "boards/kv260/vivado/kv260.xdc": xdc,
-    "boards/kv260/vivado/cmfpga_ooc.xdc": ooc_xdc,
     "boards/kv260/sw/cmfpga.dtso": dtso,
     "boards/kv260/sw/cmfpga.bif": bif,
-    "boards/kv260/sw/shell.json": shell_json,
-    "boards/kv260/sw/uio.conf": uio_conf,
     "src/cmfpga/boards/kv260.py": python_module,
 }
 

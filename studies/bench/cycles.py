@@ -55,7 +55,8 @@ def _simulate(case, config):
 def _run(core, settings, case):
     events = case.workload.events
     core.write_schedule(schedule_table(core.config, settings))
-    return core.run(events.t, events.x, events.y, settings_values(core.config, settings))[0]
+    (row,), _, _ = core.play([(events.t, events.x, events.y)], [settings_values(core.config, settings)])
+    return row | {"measured_cycles": row["valid"] - row["offered"]}
 
 
 def _back_to_back(core, settings, case):
@@ -63,7 +64,7 @@ def _back_to_back(core, settings, case):
     events = case.workload.events
     batches = [(events.t, events.x, events.y)] * 4
     core.write_schedule(schedule_table(core.config, settings))
-    results, _ = core.stream(batches, [settings_values(core.config, settings)] * len(batches))
+    results, _, _ = core.play(batches, [settings_values(core.config, settings)] * len(batches))
     if any(result["iterations"] != case.iterations for result in results):
         raise AssertionError("the core did another number of iterations in a stream of batches")
     return results[-1]["valid"] - results[-2]["valid"]

@@ -216,7 +216,7 @@ def compare_stream(core, rng, most, *, gaps, stalls, model=None):
         cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=model.core.plan)
     core.write_tables(settings)
     delays = _delays(rng, {"gaps": gaps, "stalls": stalls}, sum(len(t) for t, *_ in batches), len(batches), 3000)
-    results, traces = core.stream(batches, rows, **delays)
+    results, traces, _ = core.play(batches, rows, **delays)
     for number, (ports, trace) in enumerate(zip(results, traces, strict=True)):
         _same(f"batch {number} (back to back)", to_batch_result(config, [ports], [trace]), expected[number])
     return np.array([len(batches), sum(result.iterations for result in expected)])

@@ -231,7 +231,7 @@ def test_images_are_those_that_the_verilog_sweeps(dot):
         for batch in range(3):
             events = next(recording.chunks(90 * batch, 90))
             settings = settings_values(tracking.config, BatchSettings.from_config(tracking.config, start))
-            _, _, pixels = core.run(events.t, events.x, events.y, settings, keep_pixels=True)
+            _, _, pixels = core.play([(events.t, events.x, events.y)], [settings], keep_pixels=True)
             start, trace = None, tracking.trace(batch)
             assert len(pixels) == len(trace) == 15
             for k, banks in enumerate(pixels.reshape(15, 4, 4, 4, 3)):

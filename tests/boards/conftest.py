@@ -1,10 +1,17 @@
 """Fixtures of the board's tests."""
 
+import re
 import shutil
 
 import pytest
 
-from support.board_files import REGISTERS, load, stand_in
+from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.registers.documents import tcl
+from cmfpga.rtl.axi.top import AxiTop
+from cmfpga.verilog.compile import kept_verilog
+from cmfpga.verilog.emit import AXI_TOP
+from support.board_files import KV260, load
+from support.designs import SHELL
 
 
 @pytest.fixture(scope="session")
@@ -30,10 +37,17 @@ def tool():
     return find
 
 
+@pytest.fixture(scope="session")
+def emitted():
+    """An emitted AXI top under the name of the board's, without the modules inside."""
+    text = kept_verilog(AxiTop(SHELL), AXI_TOP).replace(AXI_TOP, KV260.top)
+    return re.search(rf"^module {KV260.top}\(.*?^endmodule$", text, re.DOTALL | re.MULTILINE)[0]
+
+
 @pytest.fixture
-def rtl(tmp_path):
-    """``(Verilog, regs.tcl)`` of the stand-in."""
+def rtl(tmp_path, emitted):
+    """``(Verilog, regs.tcl)``, as ``cmfpga build --top kv260`` writes them."""
     verilog, registers = tmp_path / "cmfpga_kv260.v", tmp_path / "regs.tcl"
-    verilog.write_text(stand_in(), encoding="utf-8")
-    registers.write_text(REGISTERS, encoding="utf-8")
+    verilog.write_text(emitted, encoding="utf-8")
+    registers.write_text(tcl(register_map(SHELL)), encoding="utf-8")
     return verilog, registers

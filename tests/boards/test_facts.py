@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 
-from support.board_files import BOARD, KV260, ROOT, check_ports, stand_in
+from support.board_files import BOARD, KV260, ROOT
 from support.vivado.interfaces import infer
 
 
@@ -40,61 +40,66 @@ def test_a_stale_file_is_named(maker, monkeypatch, tmp_path, capsys):
     assert capsys.readouterr().err.startswith("not current: boards/kv260/vivado/facts.tcl;")
 
 
+# What the overlay says of these facts: test_device_tree.py.
+
+
 def test_addresses(tcl, facts):
-    dtso = text_of("sw/cmfpga.dtso")
-    for name, block, module in (
-        ("cmfpga", "cmfpga", KV260.registers_address),
-        ("dma", "cmfpga-dma", KV260.dma_address),
-    ):
-        (node, address, size) = re.search(rf"{block}@(\w+) {{.*?reg = <0x0 (\w+) 0x0 (\w+)>", dtso, re.DOTALL).groups()
-        assert int(node, 16) == int(address, 16) == int(tcl[f"{name}_address"], 16) == module
-        assert int(size, 16) == int(tcl[f"{name}_size"], 16)
-        assert module == facts["control"][name]["address"]
+    for name, address, size in (
+        ("cmfpga", KV260.registers_address, KV260.registers_size), ("dma", KV260.dma_address, KV260.dma_size),
+    ):  # fmt: skip
+        assert int(tcl[f"{name}_address"], 16) == address == facts["control"][name]["address"]
+        assert int(tcl[f"{name}_size"], 16) == size == facts["control"][name]["size"]
     assert KV260.registers_size == 1 << facts["ip"]["control_address_width"]
 
 
-def test_interrupt_clock_and_reset():
-    dtso = text_of("sw/cmfpga.dtso")
-    assert re.findall(r"interrupts = <(.*?)>", dtso) == [f"0 {KV260.interrupt_spi} 4"]
+def test_interrupt_clock_and_reset(facts):
+    design = text_of("vivado/design.tcl")
     assert KV260.interrupt_spi == 89  # pl_ps_irq0[0], to which design.tcl connects the IP
-    assert "connect_bd_net [get_bd_pins cmfpga/irq] [get_bd_pins ps/pl_ps_irq0]" in text_of("vivado/design.tcl")
-    assert set(re.findall(r"zynqmp_clk (\d+)", dtso)) == {"71"} and KV260.linux_clock == "pl0_ref"
-    assert "ps/pl_clk0" in text_of("vivado/design.tcl") and "pl_clk1" not in text_of("vivado/design.tcl")
-    assert re.findall(r"zynqmp_reset (\d+)", dtso) == ["116"]
-    assert "ps/pl_resetn0" in text_of("vivado/design.tcl")
+    assert "connect_bd_net [get_bd_pins cmfpga/irq] [get_bd_pins ps/pl_ps_irq0]" in design
+    assert (facts["clock"]["linux_clock"], facts["clock"]["linux_reset"]) == (71, 116)
+    assert KV260.linux_clock == "pl0_ref" and "ps/pl_clk0" in design and "pl_clk1" not in design
+    assert "ps/pl_resetn0" in design
 
 
-def test_clock(tcl):
-    (rate,) = re.findall(r"assigned-clock-rates = <(\d+)>", text_of("sw/cmfpga.dtso"))
-    (period,) = re.findall(r"-period ([\d.]+)", text_of("vivado/cmfpga_ooc.xdc"))
+def test_clock(tcl, facts):
     mhz = int(tcl["clock_mhz"])
-    assert int(rate) == KV260.clock_hz == int(tcl["clock_hertz"])
+    assert KV260.clock_hz == int(tcl["clock_hertz"]) == facts["clock"]["hertz"]
     assert 0 <= mhz * 1_000_000 - KV260.clock_hz < 20 * mhz  # the PS stays below what is asked, never above
-    assert float(period) == 1000 / mhz
     assert f"CLOCK_MHZ := {mhz}\n" in text_of("facts.mk")
     assert "create_clock" not in text_of("vivado/kv260.xdc")
 
 
 def test_names(tcl, facts):
-    name = facts["design"]["name"]
+    name, linux = facts["design"]["name"], facts["linux"]
     assert KV260.application == name == tcl["name"]
-    assert (BOARD / "sw" / f"{name}.dtso").exists() and (BOARD / "sw" / f"{name}.bif").exists()
-    assert f'firmware-name = "{name}.bit.bin"' in text_of(f"sw/{name}.dtso")
-    assert f"{name}.bit" in text_of(f"sw/{name}.bif")
+    assert (BOARD / "sw" / f"{name}.dtso").exists() and f"{name}.bit" in text_of(f"sw/{name}.bif")
     assert f"APP := {name}\n" in text_of("facts.mk")
     assert KV260.vlnv == tcl["vlnv"] == "cmfpga.org:ip:cmfpga:1.0"
     assert KV260.part == tcl["part"] == "xck26-sfvc784-2LV-c"
     assert f"PART := {KV260.part}\n" in text_of("facts.mk")
-    for label in (KV260.uio_registers, KV260.uio_dma):
-        assert f'linux,uio-name = "{label}"' in text_of(f"sw/{name}.dtso")
-    for label in (KV260.buffer_events, KV260.buffer_results):
-        assert f'device-name = "{label}"' in text_of(f"sw/{name}.dtso")
+    assert (KV260.uio_registers, KV260.uio_dma) == (linux["uio_cmfpga"], linux["uio_dma"])
+    assert (KV260.buffer_events, KV260.buffer_results) == (linux["buffer_events"], linux["buffer_results"])
     assert json.loads(text_of("sw/shell.json")) == {"shell_type": "XRT_FLAT", "num_slots": "1"}
 
 
-def test_widths(tcl, facts):
-    """The stand-in, with which the Vivado scripts are tested, has the widths of the facts."""
-    check_ports(infer(stand_in(), facts["design"]["top"]), tcl)
+def test_widths(tcl, emitted):
+    """Interfaces and their widths are those of the facts."""
+    interfaces, listed = infer(emitted, KV260.top), tcl["ip_interfaces"].split()
+    assert {name: (i["bus"], i["mode"]) for name, i in interfaces.items()} == {
+        name: (bus, mode) for name, bus, mode in zip(listed[::3], listed[1::3], listed[2::3], strict=True)
+    }
+    width = {(name, signal): bits for name, i in interfaces.items() for signal, (_, _, bits) in i["ports"].items()}
+    for stream in ("s_axis", "m_axis"):
+        assert (
+            width[stream, "TDATA"] == 8 * width[stream, "TKEEP"] == KV260.stream_width == 8 * int(tcl["stream_bytes"])
+        )
+        assert width[stream, "TUSER"] == int(tcl["stream_user_width"])
+        assert (stream, "TLAST") in width
+    assert width["s_axi", "WDATA"] == width["s_axi", "RDATA"] == KV260.registers_width
+    assert 1 << width["s_axi", "AWADDR"] == 1 << width["s_axi", "ARADDR"] == KV260.registers_size
+    assert int(tcl["dma_data_width"]) == KV260.stream_width
+    assert int(tcl["dma_length_width"]) == KV260.dma_length_bits
+    assert int(tcl["dma_address_width"]) == KV260.dma_address_bits
 
 
 def test_the_guide_says_the_same(facts):

@@ -30,7 +30,7 @@ def make(folder, *words, found=None):
 
 @pytest.fixture
 def board(tmp_path, rtl, tool):
-    """``(folder, options)``: a copy of ``boards/kv260`` and the stand-in for the emitted Verilog."""
+    """``(folder, options)``: a copy of ``boards/kv260`` and the emitted Verilog."""
     tool("make", "make")
     tool("dtc", "device-tree-compiler")
     folder = tmp_path / "kv260"

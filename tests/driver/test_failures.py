@@ -2,11 +2,10 @@
 
 import pytest
 
-from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout
-from cmfpga.driver.simulation import SimulationBackend
+from cmfpga.driver import DeviceError, DeviceTimeout
 from cmfpga.events import Events
 from cmfpga.protocol.words import encode
-from support.driving import CONFIG, batch, within, works
+from support.driving import batch, within, works
 
 
 @pytest.mark.parametrize("sent", [0, 1, 37, 99])
@@ -117,13 +116,3 @@ def test_registers_that_do_not_answer(accelerator, top):
     accelerator.close()
     with pytest.raises(ValueError, match="closed"):
         top.run(1)
-
-
-def test_memories_at_random(compiler, rng):
-    """Nothing depends on what memories hold at the begin."""
-    events = batch(rng, 150)
-    found = []
-    for seed in (2, 3):
-        with Accelerator(SimulationBackend(CONFIG, seed=seed)) as accelerator:
-            found.append(accelerator.run(events, roi=(8, 4)))
-    assert found[0] == found[1]

@@ -70,11 +70,6 @@ def test_self_test(accelerator, rng):
     works(accelerator, rng)
 
 
-def test_self_test_without_the_interrupt(backend):
-    accelerator = Accelerator(backend, interrupt=False)
-    assert accelerator.self_test()["interrupt"] == "not used"
-
-
 def test_self_test_notices(accelerator, backend, monkeypatch):
     backend.override("SCRATCH", VALUE=0)
     with pytest.raises(DeviceError, match="SCRATCH reads 0x00000000 after 0xffffffff"):

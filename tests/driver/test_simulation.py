@@ -129,15 +129,6 @@ def test_batches_of_the_article_equal_the_model(compiler, rng):
         assert accelerator.self_test()["golden batch"].endswith("as the integer model")
 
 
-def test_cycles_are_those_of_the_core(accelerator, rng):
-    from cmfpga.rtl.core import Core
-
-    events = batch(rng, 200)
-    result = accelerator.run(events, roi=(8, 4))
-    formula = Core(CONFIG).cycles(events=200, roi_events=result.roi_events, iterations=result.iterations)
-    assert result.cycles == formula
-
-
 def test_every_setting_reaches_the_hardware(accelerator, rng):
     """Settings one after the other, without a reset: what is not written again must be as it was."""
     model = ModelEngine(CONFIG)
@@ -193,19 +184,6 @@ def test_a_batch_without_events(accelerator, rng):
         assert differences(result, model_run(model, events, roi)) == []
         assert result.batch == (1, 0, 2)[number]
     assert accelerator.counters()["batches"] == 2
-
-
-def test_track_equals_the_model(accelerator, rng):
-    events = batch(rng, 2000)
-    recording = MemoryRecording(events, 48, 32)
-    tracked = list(accelerator.track(recording, roi=(8, 4), events=150, batches=9, start_event=100))
-    cutter = BatchCutter(recording, events=150, start_event=100, max_events=CONFIG.max_batch_events)
-    expected = list(track(ModelEngine(CONFIG), cutter, roi=(8, 4), batches=9))
-    assert len(tracked) == len(expected) == 9
-    cycles = list(tracked[0].values).index("cycles")  # a column that the model leaves empty
-    for a, b in zip(tracked, expected, strict=True):
-        assert a.row()[:cycles] == b.row()[:cycles] and a.row()[cycles + 1 :] == b.row()[cycles + 1 :]
-        assert int(a.row()[cycles]) > 0 and not b.row()[cycles]
 
 
 def test_chosen_lengths_fit_one_transfer(backend, rng):

@@ -10,20 +10,19 @@ from support.ecp5_cells import cell, difference, twice_waiting
 
 
 def packable(kind="MULT18X18D", sinks=(), **changes):
-    """Two outputs of a RAM or multiplier, each in front of a register; ``sinks`` of the first beside that."""
-    output = {"MULT18X18D": "P", "DP16KD": "DOB"}[kind]
-    wires = {f"{output}0": [10], f"{output}1": [11], **({"CLKB": [2]} if kind == "DP16KD" else {})}
-    cells = {"it": {"type": kind, "parameters": {}, "connections": wires}}
-    for k in range(2):
-        wires = {"CLK": [2], "DI": [10 + k], "LSR": [3], "Q": [20 + k]}
+    """Two outputs of a RAM or multiplier, each in front of a register; ``sinks`` of the first beside that.
+
+    ``changes``: of the second register.
+    """
+    output, clock = {"MULT18X18D": ("P", {}), "DP16KD": ("DOB", {"CLKB": 2})}[kind]
+    cells = {"it": cell(kind, **{f"{output}0": 10, f"{output}1": 11}, **clock)}
+    for k, own in enumerate(({}, changes)):
         found = {"CEMUX": "1 ", "CLKMUX": "CLK", "REGSET": "RESET", "SRMODE": "LSR_OVER_CE"}
-        cells[f"register_{k}"] = {"type": "TRELLIS_FF", "parameters": found, "connections": wires}
-    for name, value in changes.items():
-        cells["register_1"]["parameters" if name in found else "connections"][name] = value
-    cells |= {pin: {"type": "LUT4", "parameters": {}, "connections": {"A": [bit]}} for pin, bit in sinks}
-    outputs = ("Q", f"{output}0", f"{output}1")
-    for each in cells.values():
-        each["port_directions"] = {pin: "output" if pin in outputs else "input" for pin in each["connections"]}
+        wires = {"CLK": 2, "DI": 10 + k, "LSR": 3, "Q": 20 + k}
+        for name, value in own.items():
+            (found if name in found else wires)[name] = value
+        cells[f"register_{k}"] = cell("TRELLIS_FF", found, **wires)
+    cells |= {name: cell("LUT4", A=bit) for name, bit in sinks}
     return {"cells": cells, "ports": {"o": {"bits": [20, 21]}}}
 
 
@@ -33,7 +32,7 @@ def test_registers_are_packed():
     (it,) = module["cells"].values()
     assert it["connections"] == {"P0": [20], "P1": [21], "CLK0": [2], "CE0": ["1"], "RST0": [3]}
     assert it["parameters"]["REG_OUTPUT_CLK"] == "CLK0" and it["parameters"]["RESETMODE"] == "SYNC"
-    module = packable("DP16KD", LSR=["0"])
+    module = packable("DP16KD", LSR="0")
     module["cells"]["register_0"]["connections"]["LSR"] = ["0"]
     assert pack_registers(module) == 2
     assert module["cells"]["it"]["connections"] == {"DOB0": [20], "DOB1": [21], "CLKB": [2], "OCEB": ["1"]}
@@ -42,7 +41,7 @@ def test_registers_are_packed():
 
 @pytest.mark.parametrize(("width", "packed"), [("100100", 2), ("010010", 0)])
 def test_a_wide_ram_is_read_by_both_ports(width, packed):
-    module = packable("DP16KD", LSR=["0"])
+    module = packable("DP16KD", LSR="0")
     module["cells"]["register_0"]["connections"]["LSR"] = ["0"]
     it = module["cells"]["it"]
     it["parameters"]["DATA_WIDTH_B"] = width
@@ -70,19 +69,15 @@ def test_registers_with_an_enable_are_packed(kind, pin):
 def waiting(other=None, **changes):
     """A multiplier, one factor of which comes through two registers in a row; ``other`` reads the second."""
     register = {"CEMUX": "CE", "CLKMUX": "CLK", "REGSET": "RESET"}
-    cells = {"it": ("MULT18X18D", {}, {"A0": 11, "A1": "0", "B0": 12}, {"P0": 30})}
-    cells["first"] = ("TRELLIS_FF", register, {"CLK": 2, "CE": 4, "DI": 9}, {"Q": 10})
-    cells["second"] = ("TRELLIS_FF", register | changes, {"CLK": 2, "CE": 4, "DI": 10}, {"Q": 11})
-    cells["lut"] = ("LUT4", {}, {"A": 8}, {"Z": 12})
-    cells |= {"other": ("LUT4", {}, {"A": other}, {"Z": 40})} if other else {}
-    return {"ports": {"o": {"bits": [30, 40]}}, "cells": {
-        name: {
-            "type": kind, "parameters": dict(found),
-            "connections": {pin: [net] for pin, net in (ins | outs).items()},
-            "port_directions": dict.fromkeys(ins, "input") | dict.fromkeys(outs, "output"),
-        }
-        for name, (kind, found, ins, outs) in cells.items()
-    }}  # fmt: skip
+    cells = {
+        "it": cell("MULT18X18D", A0=11, A1="0", B0=12, P0=30),
+        "first": cell("TRELLIS_FF", register, CLK=2, CE=4, DI=9, Q=10),
+        "second": cell("TRELLIS_FF", register | changes, CLK=2, CE=4, DI=10, Q=11),
+        "lut": cell("LUT4", A=8, Z=12),
+    }
+    if other:
+        cells["other"] = cell("LUT4", A=other, Z=40)
+    return {"ports": {"o": {"bits": [30, 40]}}, "cells": cells}
 
 
 @pytest.mark.parametrize("other", [None, 11])
@@ -112,15 +107,9 @@ def test_a_factor_that_cannot_wait_inside_stays():
 def test_a_factor_from_an_adder_is_packed_beside_one_that_waits(before, packed):
     module = waiting()
     cells = module["cells"]
-    cells["first"] |= {"type": "CCU2C", "connections": {"A0": [9], "S0": [10]}}
-    cells["first"]["port_directions"] = {"A0": "input", "S0": "output"}
-    cells["lut"] |= {part: dict(value) for part, value in cells["second"].items() if part != "type"}
-    cells["lut"]["type"] = "TRELLIS_FF"
-    cells["lut"]["connections"] |= {"DI": [13], "Q": [12]}
-    out = {"TRELLIS_FF": "Q", "LUT4": "Z"}[before]
-    cells["before"] = {
-        "type": before, "parameters": {}, "connections": {out: [13]}, "port_directions": {out: "output"}
-    }  # fmt: skip
+    cells["first"] = cell("CCU2C", A0=9, S0=10)
+    cells["lut"] = cell("TRELLIS_FF", cells["second"]["parameters"], CLK=2, CE=4, DI=13, Q=12)
+    cells["before"] = cell(before, **{"Q" if before == "TRELLIS_FF" else "Z": 13})
     assert pack_registers(module) == packed
     if packed:
         assert (cells["it"]["connections"]["A0"], cells["it"]["connections"]["B0"]) == ([10], [13])
@@ -168,9 +157,9 @@ def test_factors_that_wait_otherwise_do_so_themselves(why):
 @pytest.mark.parametrize(
     "module",
     [
-        packable("DP16KD"), packable(sinks=[("lut", 10)]), packable(CEMUX="CE", CE=[4]), packable(CLKMUX="INV"),
-        packable(REGSET="SET"), packable(SRMODE="ASYNC"), packable(LSR=[4]), packable(LSR=["0"]), packable(CLK=[5]),
-        packable(DI=[9], M=[11]), {**packable(), "ports": {"o": {"bits": [10]}}},
+        packable("DP16KD"), packable(sinks=[("lut", 10)]), packable(CEMUX="CE", CE=4), packable(CLKMUX="INV"),
+        packable(REGSET="SET"), packable(SRMODE="ASYNC"), packable(LSR=4), packable(LSR="0"), packable(CLK=5),
+        packable(DI=9, M=11), {**packable(), "ports": {"o": {"bits": [10]}}},
     ],
 )  # fmt: skip
 def test_what_a_register_inside_cannot_do_stays_outside(module):

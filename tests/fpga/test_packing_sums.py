@@ -1,13 +1,13 @@
-"""Registers before an adder and a multiplier of an ECP5's netlist that go behind them: what it does stays the same."""
+"""Registers that go behind adders and multipliers of an ECP5's netlist, gates that go into adders: it does the same."""
 
 from copy import deepcopy
 from itertools import chain
 
 import pytest
 from amaranth.back import verilog
-from amaranth.hdl import Elaboratable, Module, Signal
+from amaranth.hdl import Cat, Const, Elaboratable, Module, Signal
 
-from cmfpga.fpga.packing import pack_registers
+from cmfpga.fpga.packing import pack_gates, pack_registers
 from cmfpga.fpga.tools import yosys
 from cmfpga.rtl.arithmetic import delay
 from support.ecp5_cells import adder, cell, difference, register, twice_waiting
@@ -149,3 +149,60 @@ def test_of_a_sum_that_is_wider_than_a_factor_nothing_moves(width, moves):
     text = verilog.convert(top, ports=[*chain(*top.terms), top.o], name="top")
     (netlist,) = yosys("read_verilog core.v\nsynth_ecp5 -top top -json 0.json\n", text, ["yosys"], lambda doing: None)
     assert any("behind" in name for name in packed(netlist["modules"]["top"])) == moves
+
+
+# ---------------------------------------------------------------- gates before adders
+
+
+XOR, XNOR, AND = "0110" * 4, "1001" * 4, "1000" * 4
+
+
+def added(table, reads=(), **wires):
+    """Nets 10 and 20 ⊕ 21, or what the table says, are added to 30; others may read that, too."""
+    cells = {"it": adder(**{"A0": 10, "B0": 25, "S0": 30, "COUT": 31} | wires)}
+    cells["gate"] = cell("LUT4", {"INIT": table}, A=20, B=21, C="0", D="0", Z=25)
+    return {"ports": {"o": {"bits": [30, *reads]}}, "cells": cells}
+
+
+@pytest.mark.parametrize("carry", ["0", "1"])
+@pytest.mark.parametrize(("table", "packed"), [(XOR, 1), (XNOR, 1), (AND, 0)])
+def test_an_addend_that_is_inverted(table, packed, carry):
+    module = added(table, C0=carry, CIN=40)
+    before = deepcopy(module)
+    assert pack_gates(module) == packed
+    assert difference(before, module, 64) is None
+
+
+@pytest.mark.parametrize(
+    ("reads", "wires"),
+    [([25], {}), ([], {"C0": 50}), ([], {"D0": "0"}), ([], {"B0": 26, "A0": 25})],
+    ids=["read by others", "three addends", "another table", "the other addend"],
+)
+def test_what_stays(reads, wires):
+    module = added(XOR, reads, **wires)
+    before = deepcopy(module)
+    assert pack_gates(module) == 0 and module == before
+
+
+class Division(Elaboratable):
+    """A division that does not restore: it adds or subtracts, by its own sign."""
+
+    def __init__(self):
+        self.by, self.rest = Signal(9), Signal(12)
+
+    def elaborate(self, platform):
+        m = Module()
+        down = ~self.rest[-1]
+        by = Cat(down, self.by ^ down.replicate(9), down.replicate(3))
+        m.d.sync += self.rest.eq((Cat(Const(1, 1), self.rest) + by)[1:])
+        return m
+
+
+def test_a_division_by_yosys():
+    division = Division()
+    text = verilog.convert(division, ports=[division.by, division.rest], name="top")
+    (netlist,) = yosys("read_verilog core.v\nsynth_ecp5 -top top\nwrite_json 0.json\n", text, ["yosys"], lambda _: None)
+    module = netlist["modules"]["top"]
+    before = deepcopy(module)
+    assert pack_gates(module) >= 9
+    assert difference(before, module, 200) is None

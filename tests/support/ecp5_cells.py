@@ -2,10 +2,12 @@
 
 import random
 
+OUTPUTS = {"P0", "P1", "DOB0", "DOB1", "Q", "S0", "S1", "COUT", "Z"}
+
 
 def cell(kind, parameters=None, **wires):
-    """Of a netlist; outputs are P0, Q, S0, S1 and COUT."""
-    directions = {pin: "output" if pin in ("P0", "Q", "S0", "S1", "COUT") else "input" for pin in wires}
+    """Of a netlist; outputs are those of :data:`OUTPUTS`."""
+    directions = {pin: "output" if pin in OUTPUTS else "input" for pin in wires}
     wires = {pin: [bit] for pin, bit in wires.items()}
     return {"type": kind, "parameters": dict(parameters or {}), "connections": wires, "port_directions": directions}
 

@@ -14,16 +14,15 @@ class Linux:
 
     def __init__(self, tree, top, monkeypatch):
         self.tree, self.board = tree, Board(top)
-        self.broken = False
         bases, usual = {}, uio._open
 
-        def opening(path):
+        def opening(path, question):
             if path.name == "uio3":
-                file, base = Interrupts(self.board, broken=self.broken).file, Board.REGISTERS
+                file, base = Interrupts(self.board).file, Board.REGISTERS
             elif path.name == "uio4":
-                file, base = usual(path), Board.DMA
+                file, base = usual(path, question), Board.DMA
             else:
-                return usual(path)
+                return usual(path, question)
             bases[file] = base
             return file
 

@@ -2,8 +2,7 @@
 
 from .board import AxiBoard, Board, SerialBoard
 from .kv260 import KV260
-from .tang_primer_20k import TANG_PRIMER_20K
-from .ulx3s import ULX3S
+from .serial import TANG_PRIMER_20K, ULX3S
 
 __all__ = ["BOARDS", "DEFAULT", "TANG_PRIMER_20K", "ULX3S", "AxiBoard", "Board", "SerialBoard"]
 

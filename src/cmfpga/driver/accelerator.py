@@ -56,7 +56,7 @@ class Accelerator:
         self.config = identify(backend, config)
         self.control = Control(backend, self.config)
         self.registers = self.control.registers
-        self.timeout = _checked(timeout)
+        self.timeout = self._seconds(timeout)
         self.interrupt = backend.has_interrupt if interrupt is None else interrupt
         self.form = form or backend.form
         self.control.check_form(self.form)
@@ -180,39 +180,27 @@ class Accelerator:
     def send(self, words, timeout=None):
         """Send words to ``s_axis``, once those before them have been taken (:func:`cmfpga.protocol.words.encode`)."""
         words = np.ascontiguousarray(words, np.uint64)
-        timeout = self.timeout if timeout is None else _checked(timeout)
+        timeout = self._seconds(timeout)
         for first in range(0, len(words), self.backend.max_words):
             self.backend.wait_sent(timeout)
             self.backend.send(words[first : first + self.backend.max_words])
 
     def results(self, count, timeout=None):
-        """The next results, as they come.
+        """The next ``count`` results, each a :class:`WireResult`, as they come.
 
-        Yields
-        ------
-        WireResult
-            ``count`` of them.
-
-        Raises
-        ------
-        DeviceTimeout
-            One did not come in time; the others stay.
+        Raises :exc:`DeviceTimeout`: one did not come in time; the others stay.
         """
-        timeout = self.timeout if timeout is None else _checked(timeout)
+        timeout = self._seconds(timeout)
         for _ in range(count):
             yield self.receive(timeout)
 
     def stop(self, timeout=None):
         """End :meth:`start`: end the batch, or the run, under way with the events that have come, begin no other.
 
-        Words that no batch took are forgotten, and with them counters, v and the ROI; with slices always.
-
-        Returns
-        -------
-        list of WireResult
-            Those that were not fetched.
+        Returns the list of results that were not fetched. Words that no batch took are forgotten, and with them
+        counters, v and the ROI; with slices always.
         """
-        deadline = time.monotonic() + (self.timeout if timeout is None else _checked(timeout))
+        deadline = time.monotonic() + self._seconds(timeout)
         self.control.write("CTRL")  # begin no other
         if self.control.status("TAKING_IN"):
             self.control.write("CTRL", END_BATCH=1)
@@ -232,10 +220,11 @@ class Accelerator:
 
     def sent(self):
         """Whether all words were taken."""
-        with contextlib.suppress(DeviceTimeout):
+        try:
             self.backend.wait_sent(0)
-            return True
-        return False
+        except DeviceTimeout:
+            return False
+        return True
 
     def check_batchwise(self):
         """Raise :exc:`DeviceError` where batches are processed since :meth:`start`."""
@@ -285,15 +274,7 @@ class Accelerator:
     def self_test(self, *, timeout=None):
         """Check identity, registers, interrupt, and one batch whose result is known.
 
-        Returns
-        -------
-        dict of str to str
-            What was found, by the name of the check, in order.
-
-        Raises
-        ------
-        DeviceError
-            The first check that failed.
+        ``{name of the check: what was found}``, in order. Raises :exc:`DeviceError`: the first check that failed.
         """
         from .golden import self_test
 
@@ -327,16 +308,15 @@ class Accelerator:
 
     @contextlib.contextmanager
     def _other_timeout(self, timeout):
-        usual = self.timeout
-        self.timeout = usual if timeout is None else _checked(timeout)
+        usual, self.timeout = self.timeout, self._seconds(timeout)
         try:
             yield
         finally:
             self.timeout = usual
 
-
-def _checked(timeout):
-    """A time-out that ends."""
-    if not 0 <= timeout <= LONGEST_SECONDS:
-        raise ConfigError(f"time-out {timeout} s: 0 to {LONGEST_SECONDS} s is allowed")
-    return timeout
+    def _seconds(self, timeout):
+        """A time-out that ends, by default the usual one."""
+        timeout = self.timeout if timeout is None else timeout
+        if not 0 <= timeout <= LONGEST_SECONDS:
+            raise ConfigError(f"time-out {timeout} s: 0 to {LONGEST_SECONDS} s is allowed")
+        return timeout

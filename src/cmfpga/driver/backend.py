@@ -6,7 +6,6 @@ model of them, never on the real one.
 
 import time
 from abc import ABC, abstractmethod
-from typing import Protocol
 
 import numpy as np
 
@@ -105,41 +104,10 @@ ERRORS = {
 POLL_SECONDS = 0.0001
 
 
-class Buffer(Protocol):
-    """Memory that hardware and software see.
-
-    Attributes
-    ----------
-    address : int
-        For the hardware.
-    size : int
-        Bytes.
-    """
-
-    address: int
-    size: int
-
-    def write(self, words):
-        """Put uint64 words at the begin, so that the hardware sees them."""
-
-    def read(self, count):
-        """The first ``count`` uint64 words, as the hardware wrote them."""
-
-    def close(self):
-        """Give it back."""
-
-
 class Channel:
-    """One direction of the DMA; one transfer at a time.
+    """One direction of the DMA, :data:`TO_STREAM` or :data:`FROM_STREAM`; one transfer at a time.
 
-    Parameters
-    ----------
-    registers : object
-        ``read32(offset)`` and ``write32(offset, value)`` of the DMA.
-    base : int
-        :data:`TO_STREAM` or :data:`FROM_STREAM`.
-    length_bits : int
-        Of the register that has a transfer's length.
+    ``length_bits`` are those of the register that has a transfer's length.
     """
 
     def __init__(self, registers, base, length_bits):
@@ -179,17 +147,12 @@ class Channel:
         return not self.busy
 
     def wait(self, timeout):
-        """Whether the transfer ended in time."""
+        """Bytes of the transfer; None where it did not end in time."""
         deadline = time.monotonic() + timeout
         while not self.done():
             if time.monotonic() >= deadline:
-                return False
+                return None
             time.sleep(POLL_SECONDS)
-        return True
-
-    @property
-    def transferred(self):
-        """Bytes of the last transfer."""
         return self._read(LENGTH) & self.longest
 
 
@@ -200,8 +163,10 @@ class DmaBackend(Backend):
     ----------
     registers, dma : object
         ``read32(offset)`` and ``write32(offset, value)`` of the accelerator, and of the DMA.
-    events, results : Buffer
-        For words to, and packets from, the accelerator.
+    events, results : object
+        Memory that hardware and software see, for words to, and packets from, the accelerator: ``address`` for the
+        hardware, ``size`` in bytes, ``write(words)`` puts uint64 words at its begin, ``read(count)`` gives the first
+        ones as the hardware wrote them, ``close()`` gives it back.
     board : AxiBoard
     """
 
@@ -209,9 +174,7 @@ class DmaBackend(Backend):
     RESET_SECONDS = 1.0
 
     def __init__(self, registers, dma, events, results, *, board=DEFAULT):
-        self._registers = registers
-        self._dma = dma
-        self._events, self._results = events, results
+        self._registers, self._dma, self._events, self._results = registers, dma, events, results
         self._sending, self._receiving = (
             Channel(dma, base, board.dma_length_bits) for base in (TO_STREAM, FROM_STREAM)
         )
@@ -231,16 +194,16 @@ class DmaBackend(Backend):
         self._sending.begin(self._events.address, words.nbytes)
 
     def wait_sent(self, timeout):
-        if not self._sending.wait(timeout):
+        if self._sending.wait(timeout) is None:
             raise DeviceTimeout(f"{self.name}: the DMA did not send all words within {timeout:g} s")
 
     def receive(self, timeout):
         if not self._receiving.busy:
             length = min(self._results.size, self._receiving.longest // 8 * 8)
             self._receiving.begin(self._results.address, length)
-        if not self._receiving.wait(timeout):
+        if (size := self._receiving.wait(timeout)) is None:
             raise DeviceTimeout(f"{self.name}: no packet within {timeout:g} s")
-        return self._results.read(self._receiving.transferred // 8)
+        return self._results.read(size // 8)
 
     def stop(self):
         """Reset the DMA: of both channels, whichever is asked."""

@@ -1,5 +1,6 @@
 """The AXI top's registers, by their names; and whether what answers fits this driver, by its discovery registers."""
 
+import contextlib
 import dataclasses
 import time
 
@@ -16,19 +17,11 @@ from ..protocol.words import setting_words
 
 
 def identify(backend, config=None):
-    """The configuration of the hardware.
+    """The configuration of the hardware, of which only registers are read.
 
-    Parameters
-    ----------
-    backend : Backend
-        Only registers are read.
-    config : Config, optional
-        What it should be; by default what the back end knows, or else whichever preset it is.
-
-    Raises
-    ------
-    WrongHardware
-        Not the accelerator; another version of the package or of the register map; another configuration.
+    ``config`` is what it should be; by default what the back end knows, or else whichever preset it is. Raises
+    :exc:`WrongHardware`: not the accelerator; another version of the package or of the register map; another
+    configuration.
     """
     check_version(backend)
     build = _field(backend, "BUILD", "HASH")
@@ -53,15 +46,12 @@ def identify(backend, config=None):
 
 def wrapped_presets():
     """``{name: Config}`` of the presets that the AXI top can be made with."""
-    return {name: config for name, config in PRESETS.items() if _fits(config)}
-
-
-def _fits(config):
-    try:
-        check(config)
-    except ConfigError:
-        return False
-    return True
+    found = {}
+    for name, config in PRESETS.items():
+        with contextlib.suppress(ConfigError):
+            check(config)
+            found[name] = config
+    return found
 
 
 def check_version(backend):
@@ -96,20 +86,7 @@ def _field(backend, register, field):
 
 
 class Control:
-    """Registers of one AXI top.
-
-    Parameters
-    ----------
-    backend : Backend
-    config : Config
-        Of the hardware.
-
-    Attributes
-    ----------
-    registers : RegisterMap
-    table : RegionTable or None
-        Of the regions.
-    """
+    """Registers of one AXI top with this configuration; ``table`` is its :class:`RegionTable`, or None."""
 
     def __init__(self, backend, config):
         self.backend = backend
@@ -134,7 +111,6 @@ class Control:
         return self.read("STATUS")[name]
 
     def counters(self):
-        """``{name: count}``."""
         return {
             register.name.removeprefix("COUNT_").lower(): self.read(register.name)["VALUE"]
             for register in self.registers.group("Counters")
@@ -179,13 +155,9 @@ class Control:
                 )
 
     def write_settings(self, settings, ends):
-        """Settings of the batches that begin from now on, or where windows slide of the next run.
+        """:class:`BatchSettings` of the batches that begin from now on, or where windows slide of the next run.
 
-        Parameters
-        ----------
-        settings : BatchSettings
-        ends : dict of str to int
-            What the shell does, by the links of the registers' fields: what ends a batch, ``every``.
+        ``ends`` says what the shell does, by the links of the registers' fields: what ends a batch, ``every``.
         """
         if self.config.slides:
             check_lengths(self.config, settings)

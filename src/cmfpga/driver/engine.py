@@ -18,12 +18,7 @@ POLL_SECONDS = 0.0005
 
 
 class AcceleratorEngine(Engine):
-    """An accelerator by the contract of :class:`cmfpga.engines.Engine`, with results of packets.
-
-    Parameters
-    ----------
-    accelerator : Accelerator
-    """
+    """An :class:`Accelerator` by the contract of :class:`cmfpga.engines.Engine`, with results of packets."""
 
     name = "axi"
     result, traced = WireResult, False
@@ -51,94 +46,75 @@ class AcceleratorEngine(Engine):
         return results[:1] or [self._nothing()]
 
     def _run(self, events, settings):
-        control = self._accelerator.control
-        if self.config.slides:
-            return slide(self._accelerator, events, settings)
+        """Raises :exc:`DeviceError`; the accelerator was reset then."""
+        top = self._accelerator
+        top.check_batchwise()
+        words, most = encode(events, top.form), top.backend.max_words
+        if len(words) > most and not self.config.slides:
+            raise DeviceError(
+                f"a batch of {len(words)} words: one transfer of {top.backend.name} has at most "
+                f"{most}; smaller batches, or a larger buffer, are needed"
+            )
+        try:
+            return self._slide(events, words, settings) if self.config.slides else self._batch(events, words, settings)
+        except BaseException:
+            with contextlib.suppress(DeviceError):
+                top.reset()
+            raise
+
+    def _batch(self, events, words, settings):
+        top, control = self._accelerator, self._accelerator.control
         before = control.read("COUNT_BUSY_CYCLES")["VALUE"]
-        result = transact(self._accelerator, events, settings, self._sent)
+        if control.status("EVENTS_WAITING"):
+            raise DeviceError("words that no batch took wait inside: something else sends to s_axis")
+        control.write_input(top.form, False, top.timeout)
+        control.write_settings(settings, {"duration": 0, "by_tlast": 1})
+        control.clear_interrupts()
+        control.write("CTRL", START=1, DONE=1)
+        top.backend.send(words)
+        result = _result(top, len(events))
+        top.backend.wait_sent(top.timeout)
+        sent = sum((*self._sent, len(events))[-min(result.batch, self.config.slices) :])
+        if result.events != sent:
+            raise DeviceError(f"the result is of {result.events} events; {sent} were sent")
         self._sent.append(len(events))
         self.cycles = (control.read("COUNT_BUSY_CYCLES")["VALUE"] - before) % (1 << 32)
         return [result]
 
-    def close(self):
-        self._accelerator.close()
+    def _slide(self, events, words, settings):
+        """A result of each hop that closes with these events.
 
+        A run begins where ``settings.roi`` is given, or none is under way; else it goes on, with its settings.
+        """
+        top, control, found, before = self._accelerator, self._accelerator.control, [], {}
 
-def transact(top, events, settings, before=()):
-    """One batch of an accelerator, whatever its hardware measures: a :class:`WireResult`.
+        def count(name):
+            return (control.read(f"COUNT_{name}")["VALUE"] - before.get(name, 0)) % (1 << 32)
 
-    ``before``: events of each of the slices before this one, where there are slices.
+        def evaluated():
+            if count("EVENTS_IN") != len(events):
+                return False
+            status = control.read("STATUS")
+            return not any(status[name] for name in ("EVENTS_WAITING", "COMPUTING", "RESULT_WAITING"))
 
-    Raises :exc:`DeviceError`; the accelerator was reset then.
-    """
-    backend = top.backend
-    top.check_batchwise()
-    words = encode(events, top.form)
-    if len(words) > backend.max_words:
-        raise DeviceError(
-            f"a batch of {len(words)} words: one transfer of {backend.name} has at most "
-            f"{backend.max_words}; smaller batches, or a larger buffer, are needed"
-        )
-    try:
-        if top.control.status("EVENTS_WAITING"):
-            raise DeviceError("words that no batch took wait inside: something else sends to s_axis")
-        top.control.write_input(top.form, False, top.timeout)
-        top.control.write_settings(settings, {"duration": 0, "by_tlast": 1})
-        top.control.clear_interrupts()
-        top.control.write("CTRL", START=1, DONE=1)
-        backend.send(words)
-        result = _result(top, len(events))
-        backend.wait_sent(top.timeout)
-        sent = sum((*before, len(events))[-min(result.batch, top.config.slices) :])
-        if result.events != sent:
-            raise DeviceError(f"the result is of {result.events} events; {sent} were sent")
-    except BaseException:
-        with contextlib.suppress(DeviceError):
-            top.reset()
-        raise
-    return result
-
-
-def slide(top, events, settings):
-    """Events of an accelerator whose windows slide: a :class:`WireResult` of each hop that closes with them.
-
-    A run begins where ``settings.roi`` is given, or none is under way; else it goes on, with the settings that it has.
-    Raises :exc:`DeviceError`; the accelerator was reset then.
-    """
-    backend, control, found = top.backend, top.control, []
-    top.check_batchwise()
-    words = encode(events, top.form)
-
-    def count(name):
-        return (control.read(f"COUNT_{name}")["VALUE"] - before.get(name, 0)) % (1 << 32)
-
-    def evaluated():
-        if count("EVENTS_IN") != len(events):
-            return False
-        status = control.read("STATUS")
-        return not any(status[name] for name in ("EVENTS_WAITING", "COMPUTING", "RESULT_WAITING"))
-
-    before = {}
-    try:
         if settings.roi is not None or not control.status("TAKING_IN"):
             top.stop()
             control.write_input(top.form, False, top.timeout)
             control.write_settings(settings, {"every": 1})
             control.write("CTRL", START=1)
         control.clear_interrupts()
-        before = {name: count(name) for name in ("EVENTS_IN", "BATCHES")}
-        for first in range(0, len(words), backend.max_words):
-            backend.send(words[first : first + backend.max_words])
+        before |= {name: count(name) for name in ("EVENTS_IN", "BATCHES")}
+        for first in range(0, len(words), top.backend.max_words):
+            top.backend.send(words[first : first + top.backend.max_words])
             _fetch(top, found, top.sent, "words were not taken")
         _fetch(top, found, evaluated, "results did not end")
         _fetch(top, found, lambda: len(found) >= count("BATCHES"), "a result was lost")
         if found:
             _wait_done(top, len(events))
-    except BaseException:
-        with contextlib.suppress(DeviceError):
-            top.reset()
-        raise
-    return found
+        return found
+
+    def close(self):
+        self._accelerator.close()
 
 
 def _fetch(top, found, done, what):

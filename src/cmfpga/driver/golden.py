@@ -120,14 +120,11 @@ def expected_result(config):
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
-    found = _kept(config)
-    return found, FILE if found else "torch is not installed, and only the presets' results are kept"
-
-
-def _kept(config):
-    """The kept result of this hardware, or None."""
     kept = json.loads(resources.files(__package__).joinpath(FILE).read_text(encoding="utf-8"))
-    return next((entry["result"] for entry in kept.values() if entry["hardware"] == config.hardware_hash), None)
+    for entry in kept.values():
+        if entry["hardware"] == config.hardware_hash:
+            return entry["result"], FILE
+    return None, "torch is not installed, and only the presets' results are kept"
 
 
 def make():

@@ -72,7 +72,7 @@ class CmfpgaIP(DefaultIP):
 
 
 class PynqBuffer:
-    """A contiguous :class:`.backend.Buffer` of PYNQ's."""
+    """A contiguous buffer of PYNQ's."""
 
     def __init__(self, size, device):
         self._words = allocate((size // 8,), "u8", target=device)
@@ -97,15 +97,7 @@ class PynqBuffer:
 
 
 class PynqBackend(DmaBackend):
-    """The accelerator in a PYNQ overlay.
-
-    Parameters
-    ----------
-    ip : CmfpgaIP
-    dma : pynq.lib.dma.DMA
-    board : Board
-        It has the sizes of the buffers.
-    """
+    """The accelerator in a PYNQ overlay, by its :class:`CmfpgaIP` and DMA; ``board`` has the sizes of the buffers."""
 
     name = "PYNQ"
 

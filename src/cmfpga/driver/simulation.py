@@ -36,12 +36,8 @@ def _library(config):
 class SimulatedTop:
     """One simulated AXI top; may be used by several threads.
 
-    Parameters
-    ----------
-    config : Config
-        Hardware fields choose the library; it is compiled on first use and kept in the user's cache.
-    seed : int
-        Of the random contents that memories and reset-less registers start with.
+    The hardware fields of ``config`` choose the library, which is compiled on first use and kept in the user's cache;
+    ``seed`` is that of the random contents that memories and reset-less registers start with.
     """
 
     def __init__(self, config, *, seed=1):
@@ -63,13 +59,19 @@ class SimulatedTop:
     def read32(self, offset):
         """A register, by AXI4-Lite."""
         value = ctypes.c_uint32()
-        _check(self._call("axi_read", ctypes.c_uint32(offset), ctypes.byref(value), ctypes.c_int64(ACCESS_CYCLES)))
+        self._access("axi_read", ctypes.c_uint32(offset), ctypes.byref(value))
         return value.value
 
     def write32(self, offset, value):
         """Write a register, by AXI4-Lite."""
-        arguments = (ctypes.c_uint32(offset), ctypes.c_uint32(value), ctypes.c_int64(ACCESS_CYCLES))
-        _check(self._call("axi_write", *arguments))
+        self._access("axi_write", ctypes.c_uint32(offset), ctypes.c_uint32(value))
+
+    def _access(self, *call):
+        status = self._call(*call, ctypes.c_int64(ACCESS_CYCLES))
+        if status == 1:
+            raise DeviceTimeout(f"no answer to a register access within {ACCESS_CYCLES} clock cycles")
+        if status:
+            raise DeviceError(f"a register access was answered with the error {status - 256}")
 
     def send(self, words, *, last=True):
         """Put 64-bit words into the queue for ``s_axis``."""
@@ -120,31 +122,12 @@ class SimulatedTop:
             self.close()
 
 
-def _check(status):
-    if status == 1:
-        raise DeviceTimeout(f"no answer to a register access within {ACCESS_CYCLES} clock cycles")
-    if status:
-        raise DeviceError(f"a register access was answered with the error {status - 256}")
-
-
 #: Clock cycles between two looks at the time.
 SLICE_CYCLES = 20_000
 
 
 class SimulationBackend(Backend):
-    """Runs the emitted Verilog.
-
-    Parameters
-    ----------
-    config : Config
-        The hardware to simulate.
-    seed : int
-        Of the memories' contents at the begin.
-
-    Attributes
-    ----------
-    top : SimulatedTop
-    """
+    """Runs the emitted Verilog of hardware of this configuration: ``top``, a :class:`SimulatedTop` from this seed."""
 
     name = "simulation"
 

@@ -22,11 +22,7 @@ _BITS, _ESCAPED = 10, 2
 class SerialLine:
     """A serial port by pyserial, as :class:`UartBackend` wants one; no other process opens it meanwhile.
 
-    Parameters
-    ----------
-    port : str
-        Such as ``/dev/ttyUSB0``, or a URL of pyserial's.
-    baud : int
+    ``port`` is such as ``/dev/ttyUSB0``, or a URL of pyserial's.
     """
 
     #: A reply that is later than this, beyond what bytes take, does not come, s. USB keeps them back for 16 ms.
@@ -69,15 +65,8 @@ class SerialLine:
 class UartBackend(Backend):
     """Registers and words by requests on a serial line, one at a time; packets as they come.
 
-    Parameters
-    ----------
-    line : SerialLine, str
-        An open line, or the name of a serial port.
-
-    Raises
-    ------
-    DeviceError, DeviceTimeout
-        The port cannot be opened; nobody answers.
+    ``line`` is an open :class:`SerialLine`, or the name of a serial port. Raises :exc:`DeviceError` where that cannot
+    be opened, :exc:`DeviceTimeout` where nobody answers.
     """
 
     has_interrupt = False

@@ -18,9 +18,12 @@ from ..errors import DeviceError
 from .backend import DmaBackend
 
 
-def _open(path):
+def _open(path, question):
     """A descriptor of a device that nobody else has: two owners would undo each other's writes."""
-    file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    except OSError as error:
+        raise DeviceError(f"{path}: {error.strerror}; {question}") from None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -51,15 +54,7 @@ def _map(path, make, *arguments):
 
 
 class Mapping:
-    """Registers of a UIO device.
-
-    Parameters
-    ----------
-    file : int
-        Descriptor of ``/dev/uioN``.
-    size : int
-        Bytes.
-    """
+    """Registers of a UIO device: ``size`` bytes of the descriptor ``file``."""
 
     def __init__(self, file, size):
         self._map = mmap.mmap(file, size, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
@@ -79,25 +74,14 @@ class Mapping:
 
 
 class UioDevice:
-    """One UIO device, found by its name.
-
-    Parameters
-    ----------
-    name : str
-        As in ``/sys/class/uio/uio*/name``.
-    root : path
-        ``/``; another folder for tests.
-    """
+    """One UIO device, found by its name in ``/sys/class/uio/uio*/name``; ``root`` is another folder for tests."""
 
     def __init__(self, name, *, root="/"):
         self.name = name
         folder = self._find(Path(root), name)
         self.size = _number(folder / "maps" / "map0" / "size", low=4, step=4)
         path = Path(root) / "dev" / folder.name
-        try:
-            self._file = _open(path)
-        except OSError as error:
-            raise DeviceError(f"{path}: {error.strerror}; are you root, or in its group?") from None
+        self._file = _open(path, "are you root, or in its group?")
         try:
             self._words = _map(path, Mapping, self._file, self.size)
         except DeviceError:
@@ -147,7 +131,7 @@ class UioDevice:
 
 
 class UdmaBuffer:
-    """A :class:`.backend.Buffer` of u-dma-buf: ``/dev/<name>``, and ``/sys/class/u-dma-buf/<name>/``.
+    """A buffer of u-dma-buf: ``/dev/<name>``, and ``/sys/class/u-dma-buf/<name>/``.
 
     Caches are cleaned and invalidated by its ``sync_for_…`` files, unless the buffer is coherent.
     """
@@ -158,12 +142,7 @@ class UdmaBuffer:
         self.address, self.size = _number(self._folder / "phys_addr", step=8), _number(self._folder / "size", 8, 8)
         coherent, path = self._folder / "dma_coherent", Path(root) / "dev" / name
         self._coherent = coherent.exists() and bool(_number(coherent))
-        try:
-            file = _open(path)
-        except OSError as error:
-            raise DeviceError(
-                f"{error.filename}: {error.strerror}; is the module u-dma-buf loaded, and the overlay?"
-            ) from None
+        file = _open(path, "is the module u-dma-buf loaded, and the overlay?")
         try:
             self._map = _map(path, mmap.mmap, file, self.size, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
         finally:
@@ -192,17 +171,8 @@ class UdmaBuffer:
 class UioBackend(DmaBackend):
     """The accelerator behind plain Linux.
 
-    Parameters
-    ----------
-    board : AxiBoard
-        It has the names of the UIO devices, the buffers and the clock.
-    root : path
-        ``/``; another folder for tests.
-
-    Raises
-    ------
-    DeviceError
-        Something is missing: which, and what may be the reason.
+    ``board`` has the names of the UIO devices, the buffers and the clock; ``root`` is another folder for tests. Raises
+    :exc:`DeviceError` where something is missing: which, and what may be the reason.
     """
 
     name = "UIO"

@@ -19,7 +19,7 @@ from amaranth_boards.ulx3s import ULX3S_85F_Platform
 from ..boards import TANG_PRIMER_20K
 from ..verilog.emit import sha256
 from .families import FAMILIES, TIMING, luts_of_four
-from .gates import pack
+from .packing import pack
 from .place import listed, require_tools
 from .tools import EstimateError, read_json, run, yosys
 
@@ -28,21 +28,11 @@ SEEDS = 5
 
 
 def bitstream(verilog, board, path, *, seeds=SEEDS, report=lambda doing: None):
-    """Write the bitstream of ``board`` at ``path``; JSON-ready: clocks, resources, versions. Minutes.
+    """Write the bitstream of a :class:`SerialBoard` at ``path``; JSON-ready: clocks, resources, versions. Minutes.
 
-    Parameters
-    ----------
-    verilog : str
-        What :func:`cmfpga.verilog.emit.emit_verilog` gave of the serial top.
-    board : SerialBoard
-    path : Path
-    seeds : int
-        Placements to try, from the random numbers 1 … ``seeds``; the first that meets all clocks is taken.
-
-    Raises
-    ------
-    EstimateError
-        A tool is missing or failed, or no placement meets the clocks; then nothing is written.
+    ``verilog`` is the text of the serial top. Of the placements from the random numbers 1 … ``seeds`` the first that
+    meets all clocks is taken. Raises :exc:`EstimateError` where a tool is missing or failed, or no placement meets the
+    clocks; then nothing is written.
     """
     versions, flow, family = require_tools(board.device), FLOWS[board.name], FAMILIES[board.device]
     plan = flow.platform().prepare(Pads(board), "pads")
@@ -116,12 +106,7 @@ def _text(content):
 
 
 class Pads(Elaboratable):
-    """The emitted top, as a black box, between pads and what makes its clock.
-
-    Parameters
-    ----------
-    board : SerialBoard
-    """
+    """The emitted top, as a black box, between a :class:`SerialBoard`'s pads and what makes its clock."""
 
     def __init__(self, board):
         self._board = board

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .gates import pack
+from .packing import pack
 
 
 @dataclass(frozen=True, kw_only=True)

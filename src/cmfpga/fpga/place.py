@@ -33,12 +33,10 @@ def require_tools(device="LFE5U-85F", speed=None, target=None):
 
 
 def place(verilog, *, device="LFE5U-85F", speed=None, seeds=1, aim_mhz=AIM_MHZ, top=TOP, report=lambda doing: None):
-    """Place and route; JSON-ready. A quarter of a minute, and one to two for each seed.
+    """Place and route the module ``top`` of emitted Verilog. A quarter of a minute, and one to two for each seed.
 
     Parameters
     ----------
-    verilog : str
-        What :func:`cmfpga.verilog.emit.emit_verilog` gave; ``top`` names the top module.
     device, speed
         One of :data:`~cmfpga.fpga.families.FAMILIES`, and of its speed grades; without, the fastest.
     seeds : int
@@ -49,8 +47,8 @@ def place(verilog, *, device="LFE5U-85F", speed=None, seeds=1, aim_mhz=AIM_MHZ, 
     Returns
     -------
     dict
-        ``fmax_mhz``: the median of those of the ``seeds``. ``resources``: ``used`` and ``available`` of each of
-        the family's. ``paths``: :func:`~cmfpga.fpga.levels.worst_paths` of the worst seed.
+        JSON-ready. ``fmax_mhz``: the median of those of the ``seeds``. ``resources``: ``used`` and ``available`` of
+        each of the family's. ``paths``: :func:`~cmfpga.fpga.levels.worst_paths` of the worst seed.
     """
     versions = require_tools(device, speed)
     family = FAMILIES[device]

@@ -66,23 +66,11 @@ _GATE = re.compile(r"\$_(?!D?LATCH|SR_)[A-Z0-9_]+_")
 
 
 def estimate(verilog, *, by_block=False, report=lambda doing: None):
-    """Resources of the core, JSON-ready.
+    """Resources of the emitted core, JSON-ready; ``by_block`` of each block, too, which takes four times as long.
 
-    ``report`` is called with a line of text whenever something else begins.
-
-    Parameters
-    ----------
-    verilog : str
-        What :func:`cmfpga.verilog.emit.emit_verilog` gave.
-    by_block : bool
-        Of each block, too, which takes four times as long.
-
-    Returns
-    -------
-    dict
-        ``total``: of the core as a whole, optimised across blocks. ``blocks``: of each block by itself, what is inside
-        it included. ``sum_of_blocks``: more than the total, for what blocks can share is counted in each; what stands
-        between the blocks is in the total only.
+    ``report`` is called with a line of text whenever something else begins. ``total`` is of the core as a whole,
+    optimised across blocks; ``blocks`` of each block by itself, what is inside it included. ``sum_of_blocks`` is more
+    than the total, for what blocks can share is counted in each; what stands between them is in the total only.
     """
     version = require_yosys()
     inside = blocks(verilog)

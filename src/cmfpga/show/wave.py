@@ -158,9 +158,9 @@ def _record(config, batch):
     with contextlib.closing(VerilatedCore(config, core=core)) as running:
         running.write_tables(settings)
         running.start_waves()
-        ports, trace, _ = running.run(events.t, events.x, events.y, settings_values(config, settings))
+        rows, traces, _ = running.play([(events.t, events.x, events.y)], [settings_values(config, settings)])
         waves = running.take_waves()
-    if to_batch_result(config, [ports], [trace]).trace != batch.result.trace:
+    if to_batch_result(config, rows, traces).trace != batch.result.trace:
         raise AssertionError("the batch by itself ran otherwise than in the track")
     return Waves(core.probes, *_from_cycle(Waves(core.probes, *waves).ones("core", "opened")[0], *waves))
 

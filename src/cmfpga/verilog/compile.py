@@ -50,13 +50,9 @@ def load(path):
 def is_sound(library):
     """Whether the file is there, as it was made: the digest beside it fits."""
     try:
-        return _digest_file(library).read_bytes() == _digest(library)
+        return library.with_suffix(".sha256").read_bytes() == _digest(library)
     except OSError:
         return False
-
-
-def _digest_file(library):
-    return library.with_suffix(".sha256")
 
 
 def _digest(library):
@@ -123,11 +119,11 @@ def kept_file(name, build):
             try:
                 built = scratch / name
                 build(scratch, built)
-                digest = _digest_file(built)
+                digest = built.with_suffix(".sha256")
                 digest.write_bytes(_digest(built))
                 # Atomic, each: who finds only one of the two new takes the lock, and looks again.
                 built.replace(path)
-                digest.replace(_digest_file(path))
+                digest.replace(path.with_suffix(".sha256"))
             finally:
                 shutil.rmtree(scratch, ignore_errors=True)
     return path
@@ -189,6 +185,12 @@ def _ports_include(core):
             value = f"static_cast<int64_t>(static_cast<uint64_t>(top.{name}) << {64 - len(port)}) >> {64 - len(port)}"
         return f"    to[{index}] = {value};"
 
+    def getters(prefix, but="\0"):
+        return [getter(f"{prefix}{name}", index) for index, name in enumerate(port_names(core.outputs, prefix, but))]
+
+    def function(head, lines):
+        return [f"static {head} {{", *lines, "}"]
+
     settings = [setter(f"settings_{name}", f"from[{k}]") for k, name in enumerate(port_names(core.inputs, "settings_"))]
     events = [setter(f"event_{name}", name) for name in ("t", "x", "y", "last")]
     tables = []
@@ -204,32 +206,22 @@ def _ports_include(core):
         f"enum {{ SETTINGS_VALUES = {len(settings)} }};",
         f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
         f"static bool busy(const Vcore &top) {{ return {busy}; }}",
-        "static void set_table(Vcore &top, int table, int64_t valid, const int64_t *row) {",
-        *tables,
-        "}",
-        "static void set_settings(Vcore &top, const int64_t *from) {",
-        *settings,
-        "}",
-        "static void set_event(Vcore &top, int64_t t, int64_t x, int64_t y, int64_t last) {",
-        *events,
-        "}",
+        *function("void set_table(Vcore &top, int table, int64_t valid, const int64_t *row)", tables),
+        *function("void set_settings(Vcore &top, const int64_t *from)", settings),
+        *function("void set_event(Vcore &top, int64_t t, int64_t x, int64_t y, int64_t last)", events),
     ]
     groups = ("result", "result_", "RESULT"), ("pixels", "trace_pixels_", "PIXEL"), ("wave", "wave_", "WAVE")
     for group, prefix, constant in groups:
-        names = port_names(core.outputs, prefix)
-        lines += [f"enum {{ {constant}_VALUES = {len(names)} }};"]
-        lines += [f"static void get_{group}(const Vcore &top, int64_t *to) {{"]
-        lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]
-        lines += ["}"]
-    prefixes = trace_prefixes(core)
-    lines += [f"enum {{ TRACE_VALUES = {len(port_names(core.outputs, prefixes[0], 'trace_pixels'))} }};"]
-    lines += ["static int64_t get_traces(const Vcore &top, int64_t *to, int64_t rows) {", "    int64_t count = 0;"]
-    for prefix in prefixes:
-        lines += [f"    if (top.{prefix}valid && count++ < rows) {{"]
-        names = port_names(core.outputs, prefix, "trace_pixels")
-        lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]
-        lines += ["    to += TRACE_VALUES;", "    }"]
-    lines += ["    return count;", "}"]
+        lines += [f"enum {{ {constant}_VALUES = {len(getters(prefix))} }};"]
+        lines += function(f"void get_{group}(const Vcore &top, int64_t *to)", getters(prefix))
+    traces = ["    int64_t count = 0;"]
+    for prefix in trace_prefixes(core):
+        row = getters(prefix, "trace_pixels")
+        traces += [f"    if (top.{prefix}valid && count++ < rows) {{", *row, "    to += TRACE_VALUES;", "    }"]
+    lines += [f"enum {{ TRACE_VALUES = {len(row)} }};"]
+    lines += function(
+        "int64_t get_traces(const Vcore &top, int64_t *to, int64_t rows)", [*traces, "    return count;"]
+    )  # fmt: skip
     return "\n".join(lines) + "\n"
 
 

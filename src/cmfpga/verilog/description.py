@@ -232,10 +232,9 @@ def _add(parent, name, text=None):
     return made
 
 
-def _type(parent, name, vendor, library, type_, version):
-    values = {"vendor": vendor, "library": library, "name": type_, "version": version}
+def _type(parent, name, library, type_):
     made = _add(parent, name)
-    for key, value in values.items():
+    for key, value in {"vendor": "xilinx.com", "library": library, "name": type_, "version": "1.0"}.items():
         made.set(f"{{{_SPIRIT}}}{key}", value)
 
 
@@ -250,8 +249,8 @@ def _bus(parent, name, kind, mode, maps):
     library, type_ = kind
     bus = _add(parent, "busInterface")
     _add(bus, "name", name)
-    _type(bus, "busType", "xilinx.com", library, type_, "1.0")
-    _type(bus, "abstractionType", "xilinx.com", library, f"{type_}_rtl", "1.0")
+    _type(bus, "busType", library, type_)
+    _type(bus, "abstractionType", library, f"{type_}_rtl")
     _add(bus, mode)
     listed = _add(bus, "portMaps")
     for logical, bits, physical in maps:
@@ -276,13 +275,7 @@ def _stream(parent, table, group, mode):
 
 
 def ip_xact(table):
-    """``component.xml``: clock, reset, the streams of events and results, and all ports.
-
-    Parameters
-    ----------
-    table : list of Port
-        :func:`~cmfpga.verilog.ports.port_table` of the core.
-    """
+    """``component.xml``: clock, reset, the streams of events and results, and all ports of ``table``."""
     ElementTree.register_namespace("spirit", _SPIRIT)
     root = ElementTree.Element(f"{{{_SPIRIT}}}component")
     for name, text in (("vendor", VENDOR), ("library", LIBRARY), ("name", TOP), ("version", __version__)):

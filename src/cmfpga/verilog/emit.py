@@ -34,12 +34,7 @@ UART_TOP = "cmfpga_uart"
 def emit_verilog(core, name=TOP):
     """The core, or a top around it, as Verilog-2001 text: one module per block, ``name`` on top.
 
-    Parameters
-    ----------
-    core : VerilogCore, AxiTop or UartTop
-        Only the hardware fields of its configuration matter.
-    name : str
-        Of the top module; the names of the others begin with it.
+    The other modules' names begin with that. Of the configuration only the hardware fields matter.
     """
     ports = [*core.inputs.values(), *core.outputs.values()]
     # The Yosys that comes with Amaranth: another one orders and names things differently.
@@ -69,10 +64,7 @@ def sha256(text):
 def cache_folder():
     """Where compiled simulators are kept: ``$CMFPGA_CACHE``, the user's cache, or a folder for this process alone.
 
-    Raises
-    ------
-    ConfigError
-        ``CMFPGA_CACHE`` names a folder that cannot be written.
+    Raises :exc:`ConfigError`: ``CMFPGA_CACHE`` names a folder that cannot be written.
     """
     given = os.environ.get("CMFPGA_CACHE")
     folder = Path(given or platformdirs.user_cache_path("cmfpga"))

@@ -192,15 +192,7 @@ def _instance(config, tied, table):
 
 
 def example(config, table):
-    """Verilog-2001 of the module :data:`EXAMPLE`.
-
-    Parameters
-    ----------
-    config : Config
-        Its run-time fields are the settings' constants.
-    table : list of Port
-        Of the core: :func:`~cmfpga.verilog.ports.port_table`.
-    """
+    """Verilog-2001 of the module :data:`EXAMPLE`; run-time fields of ``config`` are the settings' constants."""
     rows = loads(config, table)
     ports = {group: [p for p in table if p.group == group and p.field != "valid"] for group in rows}
     tied = {"clk": "clk", "rst": "rst", **_settings(config, table)}

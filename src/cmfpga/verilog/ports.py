@@ -134,15 +134,7 @@ GROUPS = ("event", "settings", "result")
 
 
 def packed(table, group):
-    """``([(port, its lowest bit)], bits)`` of a group's fields, without the handshake.
-
-    Parameters
-    ----------
-    table : list of Port
-        :func:`~cmfpga.verilog.ports.port_table` of the core.
-    group : str
-        One of :data:`GROUPS`.
-    """
+    """``([(port, its lowest bit)], bits)`` of the fields of one of :data:`GROUPS`, without the handshake."""
     found, lsb = [], 0
     for port in table:
         if port.group == group and port.field not in ("valid", "ready"):

@@ -50,7 +50,6 @@ class VerilatedCore:
     Attributes
     ----------
     table : RegionTable or None
-        That of hardware with one.
     offered, finished : list of int
         Of the batches of the last :meth:`results`: the clock cycle of the first event's offer, and of the last result.
     """
@@ -138,63 +137,50 @@ class VerilatedCore:
         if getattr(self, "_handle", None):
             self.close()
 
-    def run(self, t, x, y, settings, *, gaps=None, result_stall=0, open_end=False, keep_pixels=False, max_cycles=None):
-        """One batch.
-
-        Parameters
-        ----------
-        t, x, y : int64 arrays [N]
-            Events.
-        settings : dict of str to int
-            Settings inputs by name, all of them.
-        gaps : int array [N], optional
-            Idle cycles before each event is offered.
-        result_stall : int
-            Clock cycles for which the result is left waiting.
-        open_end : bool
-            Do not mark the last event: the core must end the batch by itself.
-        keep_pixels : bool
-            Return what every sweep read.
-        max_cycles : int, optional
-            Give up after these; by default twice what the batch can take.
-
-        Returns
-        -------
-        result : dict of str to int
-            Result ports, and ``measured_cycles`` and ``accepted`` (events taken) as the test bench counted them.
-        trace : int64 array [T, 7]
-            The trace ports of every iteration, or of every evaluation, in the order of ``trace_names``.
-        pixels : int64 array [T, P/4, 12], or None
-            I, Dx, Dy of banks 0 to 3 in the order of the sweep.
-        """
-        (values,), trace, pixels = self._play(
-            [(t, x, y)], [settings], gaps, [result_stall], open_end=open_end, keep_pixels=keep_pixels, limit=max_cycles
-        )
-        values["measured_cycles"] = values.pop("valid") - values.pop("offered")
-        return values, trace, pixels
-
-    def stream(self, batches, settings, *, gaps=None, stalls=None):
-        """Several batches without a pause between them: the next one is offered while results are awaited.
+    def play(
+        self, batches, settings, *, gaps=None, stalls=None, open_end=False, keep_pixels=False, max_cycles=None
+    ):  # fmt: skip
+        """Batches without a pause between them: the next one is offered while results are awaited.
 
         Parameters
         ----------
         batches : list of (t, x, y)
-            Events; at least one per batch.
-        settings : list of dict
-            Settings inputs of each batch.
+            Events, int64 arrays; at least one per batch.
+        settings : list of dict of str to int
+            Of each batch, all settings inputs by name.
         gaps : int array, optional
-            Idle cycles before each event of all batches.
+            Idle cycles before each event of all batches is offered.
         stalls : list of int, optional
             Clock cycles for which each result is left waiting.
+        open_end : bool
+            Do not mark last events: the core must end each batch by itself.
+        keep_pixels : bool
+            Return what every sweep read.
+        max_cycles : int, optional
+            Give up after these; by default twice what the batches can take one after the other.
 
         Returns
         -------
-        results : list of dict
-            Result ports of each batch; ``offered`` and ``valid`` are the cycles of its first offer and its result.
+        results : list of dict of str to int
+            Result ports of each batch; ``offered`` and ``valid``, the cycles of its first offer and its result, and
+            ``accepted`` (events taken), as the test bench counted them.
         traces : list of int64 arrays [T, 7]
+            Of each batch the trace ports of every iteration, or evaluation, in the order of ``trace_names``.
+        pixels : int64 array [T, P/4, 12], or None
+            I, Dx, Dy of banks 0 to 3 in the order of the sweep, of all batches.
         """
-        values, trace, _ = self._play(batches, settings, gaps, [0] * len(batches) if stalls is None else stalls)
-        return values, np.split(trace, np.cumsum([self._traced(row["iterations"]) for row in values])[:-1])
+        plans = [max(int(row.get(name, 0)) for name in ("iterations", "cold_count", "warm_count")) for row in settings]
+        stalls = [0] * len(batches) if stalls is None else stalls
+        if max_cycles is None:
+            max_cycles = self._patience(gaps, stalls)
+            for (t, _, _), plan in zip(batches, plans, strict=True):
+                max_cycles += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan) + 1000
+        values, trace, pixels, offered = self._drive(
+            batches, settings, gaps, stalls, sum(plans), max_cycles, open_end=open_end, keep_pixels=keep_pixels
+        )
+        for row, cycle in zip(values, offered, strict=True):
+            row["offered"] = cycle
+        return values, np.split(trace, np.cumsum([self._traced(row["iterations"]) for row in values])[:-1]), pixels
 
     def write(self, regions, anew=()):
         """Replace the table of regions; a row that changes, or is one of ``anew``, begins anew."""
@@ -203,16 +189,8 @@ class VerilatedCore:
     def results(self, batches, settings, *, gaps=None, stalls=None, max_cycles=None):
         """Batches without a pause between them: a list of :class:`BatchResult`, as the integer model's.
 
-        Parameters
-        ----------
-        batches : list of (t, x, y)
-            Events; at least one per batch.
-        settings : BatchSettings
-            Of all of them.
-        gaps, stalls : int arrays, optional
-            Idle cycles before each event, and before each result of a region is taken.
-        max_cycles : int, optional
-            Give up after these; by default after more than the batches can take.
+        For the parameters see :meth:`play`; ``settings``, a :class:`BatchSettings`, are those of all batches, and there
+        is a stall of each region's result. By default it gives up after more cycles than the batches can take.
         """
         config, regions = self.config, self.table.regions if self.table else [None]
         if not regions:
@@ -225,22 +203,22 @@ class VerilatedCore:
         if self.table:
             plans, limit = self._bounds(batches, settings, regions)
             limit = max_cycles or limit + self._patience(gaps, stalls)
-            done = self._drive(batches, values, gaps, stalls, sum(plans) * len(batches), limit)
-            rows, trace, _, self.offered = done
-        else:
-            rows, trace, _ = self._play(batches, values, gaps, stalls, limit=max_cycles)
-            self.offered = [row["offered"] for row in rows]
-        self.finished = [row["valid"] for row in rows[count - 1 :: count]]
-        steps = {0: trace}
-        if self.table:  # iterations of one region come one after the other, also those of two batches
+            rows, trace, _, self.offered = self._drive(
+                batches, values, gaps, stalls, sum(plans) * len(batches), limit
+            )  # fmt: skip
+            # Iterations of one region come one after the other, also those of two batches.
             which = self.trace_names.index("region")
             steps = {k: np.delete(trace[trace[:, which] == k], which, 1) for k in range(count)}
+        else:
+            rows, traces, _ = self.play(batches, values, gaps=gaps, stalls=stalls, max_cycles=max_cycles)
+            self.offered, steps = [row["offered"] for row in rows], {0: np.concatenate(traces)}
+        self.finished = [row["valid"] for row in rows[count - 1 :: count]]
         return [self._result(rows[at : at + count], steps) for at in range(0, len(rows), count)]
 
     def slide(self, t, x, y, settings, *, gaps=None, stalls=None, each=False):
         """Events into a core whose windows slide, which goes on where it was: a :class:`BatchResult` of each hop.
 
-        See :meth:`results` for the parameters, and ``valid`` of the attribute :attr:`finished`. With ``each``,
+        See :meth:`results` for the settings, and ``valid`` of the attribute :attr:`finished`. With ``each``,
         :attr:`offered` has the clock cycle in which each event was offered first, else that of the first one.
         """
         config = self.config
@@ -287,20 +265,6 @@ class VerilatedCore:
     def _traced(self, iterations):
         """Rows of the trace: an iteration has one, a round one for each of its evaluations."""
         return iterations * self.config.ascent_rule.evaluations
-
-    def _play(self, batches, settings, gaps, stalls, *, open_end=False, keep_pixels=False, limit=None):
-        """``(ports of each result, trace of all iterations, pixels of all sweeps or None)``."""
-        plans = [max(int(row.get(name, 0)) for name in ("iterations", "cold_count", "warm_count")) for row in settings]
-        if limit is None:  # twice what the batches can take one after the other
-            limit = self._patience(gaps, stalls)
-            for (t, _, _), plan in zip(batches, plans, strict=True):
-                limit += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan) + 1000
-        values, trace, pixels, offered = self._drive(
-            batches, settings, gaps, stalls, sum(plans), limit, open_end=open_end, keep_pixels=keep_pixels
-        )
-        for row, cycle in zip(values, offered, strict=True):
-            row["offered"] = cycle
-        return values, trace, pixels
 
     def _patience(self, gaps, stalls):
         """Clock cycles that a run may take beside those of its batches."""

@@ -40,7 +40,7 @@ class Board:
         Cycles in which m_axis handed a word over, and whether it had TLAST.
     """
 
-    def __init__(self, dut, *, seed=0, pauses=0.0, lite=True):
+    def __init__(self, dut, *, seed=0, pauses=0.0):
         self.dut = dut
         self.registers = register_map(CONFIG)
         self.random = random.Random(seed)
@@ -51,7 +51,7 @@ class Board:
         dut.aresetn.value = 0
         cocotb.start_soon(Clock(dut.aclk, PERIOD, unit="ns").start())
         reset = (dut.aclk, dut.aresetn, False)
-        self.lite = AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axi"), *reset) if lite else None
+        self.lite = AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axi"), *reset)
         self.source = AxiStreamSource(AxiStreamBus.from_prefix(dut, "s_axis"), *reset)
         self.sink = AxiStreamSink(AxiStreamBus.from_prefix(dut, "m_axis"), *reset)
         self.monitor = AxiStreamMonitor(AxiStreamBus.from_prefix(dut, "m_axis"), *reset)
@@ -61,17 +61,15 @@ class Board:
         self.pause(pauses)
         cocotb.start_soon(self._watch())
 
-    def pause(self, probability, *, stream=True, lite=True):
+    def pause(self, probability):
         """Gaps and stalls on all channels with this probability."""
 
         def generator():
             return iter(lambda: self.random.random() < probability, None)
 
-        channels = [self.source, self.sink] if stream else []
-        if lite and self.lite:
-            writes, reads = self.lite.write_if, self.lite.read_if
-            channels += [writes.aw_channel, writes.w_channel, writes.b_channel, reads.ar_channel, reads.r_channel]
-        for channel in channels:
+        writes, reads = self.lite.write_if, self.lite.read_if
+        registers = writes.aw_channel, writes.w_channel, writes.b_channel, reads.ar_channel, reads.r_channel
+        for channel in (self.source, self.sink, *registers):
             channel.clear_pause_generator()
             channel.pause = False
             if probability:
@@ -80,20 +78,17 @@ class Board:
     async def _watch(self):
         """Count cycles and transfers, and check the rules of the streams, before each edge."""
         dut = self.dut
-        waiting = {}
-        outputs = {"m_axis": ("tdata", "tkeep", "tlast", "tuser")}
+        waiting, payloads = None, [getattr(dut, f"m_axis_{name}") for name in ("tdata", "tkeep", "tlast", "tuser")]
         while True:
             await RisingEdge(dut.aclk)
             if dut.s_axis_tvalid.value == 1 and dut.s_axis_tready.value == 1:
                 self.taken.append(self.cycle)
             if dut.m_axis_tvalid.value == 1 and dut.m_axis_tready.value == 1:
                 self.sent.append((self.cycle, bool(dut.m_axis_tlast.value == 1)))
-            for port, names in outputs.items():
-                valid, ready = getattr(dut, f"{port}_tvalid").value, getattr(dut, f"{port}_tready").value
-                payload = tuple(int(getattr(dut, f"{port}_{name}").value) for name in names) if valid == 1 else None
-                if waiting.get(port) is not None and dut.aresetn.value == 1:
-                    assert payload == waiting[port], f"{port}: {waiting[port]} became {payload} while it waited"
-                waiting[port] = payload if payload is not None and ready != 1 else None
+            payload = tuple(int(port.value) for port in payloads) if dut.m_axis_tvalid.value == 1 else None
+            if waiting is not None and dut.aresetn.value == 1:
+                assert payload == waiting, f"m_axis: {waiting} became {payload} while it waited"
+            waiting = payload if dut.m_axis_tready.value != 1 else None
             self.cycle += 1
 
     async def reset(self, cycles=4):
@@ -144,12 +139,12 @@ class Board:
             for register, word in window_words(self.registers, "node", values):
                 await self.write_word(register.offset, word)
 
-    async def until(self, name, field, value=1, *, polls=4000):
-        """Poll a field; how often."""
-        for k in range(polls):
+    async def until(self, name, field, value=1):
+        """Poll a field."""
+        for _ in range(4000):
             if await self.read(name, field) == value:
-                return k
-        raise AssertionError(f"{name}.{field} is not {value} after {polls} reads")
+                return
+        raise AssertionError(f"{name}.{field} is not {value} after 4000 reads")
 
     async def result_registers(self):
         """The result as the registers show it."""

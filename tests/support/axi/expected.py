@@ -7,7 +7,7 @@ from cmfpga.events.arrays import Events
 from cmfpga.imaging.camera import node_writes
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS, fields_of
-from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
+from cmfpga.protocol.settings import schedule_table, settings_values
 from cmfpga.protocol.shapes import leaves
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.wire import BatchEnds, decode, sensor_gate, split_batches
@@ -25,10 +25,6 @@ def links(config, settings, ends=None):
     if settings.camera:
         values["nodes"] = node_writes(config, settings.camera)
     return values
-
-
-def default_settings(config, roi=None):
-    return BatchSettings.from_config(config, roi)
 
 
 class Expected:

@@ -48,69 +48,45 @@ def _verilated(verilog, ports):
     return compile.kept_file(f"cocotb-{sha256(' '.join([verilog, main, public, *tools]))[:24]}.exe", build)
 
 
-class Simulation:
-    """A compiled AXI top.
+def simulate(simulator, config, tests, folder):
+    """Run tests, ``{module: names}``, of a configuration's AXI top: ``{name: what was wrong, or None}``, and the log.
 
-    Parameters
-    ----------
-    simulator : str
-        ``icarus`` or ``verilator``.
-    config : Config
-    folder : Path
-        For what is built.
+    ``simulator`` is ``icarus`` or ``verilator``; ``folder`` gets what is built.
     """
+    from cocotb_tools.runner import get_runner
 
-    def __init__(self, simulator, config, folder):
-        from cocotb_tools.runner import get_runner
-
-        self.simulator, self.config, self.folder = simulator, config, folder
-        top = AxiTop(config)
-        text = compile.kept_verilog(top, AXI_TOP)
-        self.runner = get_runner(simulator)
-        if simulator == "verilator":
-            (folder / AXI_TOP).symlink_to(_verilated(text, top.port_order))
-            return
-        verilog = folder / f"{AXI_TOP}.v"
+    top, verilated = AxiTop(config), simulator == "verilator"
+    text, runner = compile.kept_verilog(top, AXI_TOP), get_runner(simulator)
+    log, results, verilog = folder / "tests.log", folder / "tests.xml", folder / f"{AXI_TOP}.v"
+    if verilated:
+        (folder / AXI_TOP).symlink_to(_verilated(text, top.port_order))
+    else:
         verilog.write_text(text)
-        self.runner.build(
-            sources=[verilog],
-            hdl_toplevel=AXI_TOP,
-            build_args=["-g2005"],
-            build_dir=folder,
-            timescale=("1ns", "1ps"),
-            log_file=folder / "build.log",
-            always=True,
-        )
-
-    def run(self, tests, *, seed=1):
-        """Run tests, ``{module: names}``, in this folder: ``{name: what was wrong, or None}``, and the log."""
-        log, results = self.folder / "tests.log", self.folder / "tests.xml"
-        names = "|".join(rf"{module}\.{name}" for module, names in tests.items() for name in names)
-        extra = {
-            "PYTHONWARNINGS": "ignore::DeprecationWarning",
-            "CMFPGA_CONFIG": json.dumps(self.config.to_dict()),
-            "COCOTB_LOG_LEVEL": "WARNING",
-            "COCOTB_ANSI_OUTPUT": "0",
-            "COCOTB_TEST_FILTER": rf"\.({names})$",
-        }
-        # Under pytest the runner raises SystemExit where a test fails; the file says which.
-        with contextlib.suppress(SystemExit):
-            self.runner.test(
-                hdl_toplevel=AXI_TOP,
-                hdl_toplevel_lang="verilog",
-                test_module=[f"support.axi.{module}" for module in tests],
-                seed=seed,
-                build_dir=self.folder,
-                test_args=["+verilator+rand+reset+2"] if self.simulator == "verilator" else [],
-                extra_env=extra,
-                results_xml=str(results),
-                log_file=log,
-            )
-        said = log.read_text() if log.exists() else "no log"
-        if not results.exists():
-            raise AssertionError(f"{self.simulator} gave no results:\n{said[-6000:]}")
-        found = {}
-        for case in ElementTree.parse(results).iter("testcase"):
-            wrong = [child for child in case if child.tag in ("failure", "error", "skipped")]
-            found[case.get("name")] = (wrong[0].get("message") or wrong[0].tag) if wrong else None
-        return found, said
+        runner.build(
+            sources=[verilog], hdl_toplevel=AXI_TOP, build_args=["-g2005"], build_dir=folder,
+            timescale=("1ns", "1ps"), log_file=folder / "build.log", always=True,
+        )  # fmt: skip
+    modules = [f"support.axi.{module}" for module in tests]
+    names = "|".join(rf"{module}\.{name}" for module, names in tests.items() for name in names)
+    extra = {
+        "PYTHONWARNINGS": "ignore::DeprecationWarning",
+        "CMFPGA_CONFIG": json.dumps(config.to_dict()),
+        "COCOTB_LOG_LEVEL": "WARNING",
+        "COCOTB_ANSI_OUTPUT": "0",
+        "COCOTB_TEST_FILTER": rf"\.({names})$",
+    }
+    # Under pytest the runner raises SystemExit where a test fails; the file says which.
+    with contextlib.suppress(SystemExit):
+        runner.test(
+            hdl_toplevel=AXI_TOP, hdl_toplevel_lang="verilog", test_module=modules, seed=1, build_dir=folder,
+            test_args=["+verilator+rand+reset+2"] if verilated else [], extra_env=extra, results_xml=str(results),
+            log_file=log,
+        )  # fmt: skip
+    said = log.read_text() if log.exists() else "no log"
+    if not results.exists():
+        raise AssertionError(f"{simulator} gave no results:\n{said[-6000:]}")
+    found = {}
+    for case in ElementTree.parse(results).iter("testcase"):
+        wrong = [child for child in case if child.tag in ("failure", "error", "skipped")]
+        found[case.get("name")] = (wrong[0].get("message") or wrong[0].tag) if wrong else None
+    return found, said

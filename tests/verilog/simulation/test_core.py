@@ -74,9 +74,9 @@ def accounted(result):
 def run_both(core, model, t, x, y, settings, **options):
     """One batch by both; returns the RTL's values, result and the model's result."""
     core.write_tables(settings)
-    values, trace, pixels = core.run(t, x, y, settings_values(core.config, settings), **options)
+    (values,), traces, pixels = core.play([(t, x, y)], [settings_values(core.config, settings)], **options)
     keep = options.get("keep_pixels", False)
-    return values, to_batch_result(core.config, [values], [trace]), model.run(t, x, y, settings, keep=keep), pixels
+    return values, to_batch_result(core.config, [values], traces), model.run(t, x, y, settings, keep=keep), pixels
 
 
 def assert_same(rtl, model):
@@ -98,10 +98,10 @@ def test_adversarial_batches_back_to_back(pair, rng):
         events = random_events(config, rng, roi, name)[1]
         t, x, y = events.t, events.x, events.y
         gaps = rng.integers(0, 4, len(x)) * (rng.random(len(x)) < 0.3) if number % 3 == 0 else None
-        values, rtl, expected, _ = run_both(core, model, t, x, y, settings, gaps=gaps, result_stall=int(number % 5))
+        values, rtl, expected, _ = run_both(core, model, t, x, y, settings, gaps=gaps, stalls=[number % 5])
         assert_same(rtl, expected)
         # The first batch is offered while the banks are swept after the reset, and has to wait.
-        waited = values["measured_cycles"] - values["cycles"]
+        waited = values["valid"] - values["offered"] - values["cycles"]
         assert 0 <= waited <= config.geometry.bank_depth + 9 if number == 0 else waited == 0
         assert accounted(rtl) == rtl.events == len(x)
         if gaps is None and rtl.iterations and rtl.events >= core.core.shortest_batch:
@@ -152,23 +152,11 @@ def test_reset_in_the_middle_of_a_batch(pair, rng):
     for stop_after in (1, len(x), len(x) + 90, len(x) + 150):
         core.write_schedule(schedule_table(config, settings))
         with pytest.raises(TimeoutError):
-            core.run(t, x, y, settings_values(config, settings), max_cycles=stop_after)
+            core.play([(t, x, y)], [settings_values(config, settings)], max_cycles=stop_after)
         core.reset()
         model = IntegerCore(config)
         _, rtl, expected, _ = run_both(core, model, t, x, y, settings)
         assert_same(rtl, expected)
-
-
-def test_a_batch_ends_by_count_and_at_the_counter_s_limit(verilated_core):
-    config = verilated_core.config
-    most = config.max_batch_events
-    x = y = np.zeros(2 * most, np.int64)
-    settings = settings_values(config, replace(BatchSettings.from_config(config, (0, 0)), iterations=2))
-    for batch_events, events, cut in ((7, 7, False), (most, most, False), (0, most, True)):
-        settings |= {"batch_events": batch_events}
-        values, _, _ = verilated_core.run(np.arange(2 * most), x, y, settings, open_end=True)
-        assert (values["events"], values["accepted"]) == (events, events)
-        assert bool(values["flags"] & 16) == cut
 
 
 def test_batches_back_to_back_without_a_pause(pair, rng):
@@ -190,7 +178,7 @@ def test_sustained_rate_of_the_article_s_workload(rng):
     y = np.where(inside, 60 + rng.integers(64, size=5000), rng.integers(50, size=5000))
     t = np.sort(rng.integers(40_000, size=5000))
     still = settings_values(config, replace(settings, roi=None, roi_gain=0))
-    results, _ = core.stream([(t, x, y)] * 8, [settings_values(config, settings) | {"roi_gain": 0}, *[still] * 7])
+    results, _, _ = core.play([(t, x, y)] * 8, [settings_values(config, settings) | {"roi_gain": 0}, *[still] * 7])
     assert [row["roi_events"] for row in results] == [800] * 8
     assert [row["iterations"] for row in results] == [5, *[3] * 7]
     periods = np.diff([row["valid"] for row in results])
@@ -246,7 +234,7 @@ def test_a_full_buffer_thins_out_evenly(depth, buffers, rng):
         for name in ("roi_events", "thinned", "overflow", "thinning_used"):
             assert getattr(same, name) == getattr(expected[-1], name)
     core.write_schedule(schedule_table(config, settings))
-    results, traces = core.stream(batches, rows)
+    results, traces, _ = core.play(batches, rows)
     found = [to_batch_result(config, [values], [trace]) for values, trace in zip(results, traces, strict=True)]
     for n, (t, *_), rtl, wanted in zip(sizes, batches, found, expected, strict=True):
         assert_same(rtl, wanted)
@@ -255,30 +243,6 @@ def test_a_full_buffer_thins_out_evenly(depth, buffers, rng):
         assert (Flag.THINNED in rtl.flags) == bool(rtl.thinned) and Flag.OVERFLOW not in rtl.flags
     assert found[0].thinned
     core.close()
-
-
-def test_a_batch_ends_when_enough_roi_events_are_stored(rng):
-    """Exactly at that event, however events arrive; what comes after it belongs to the next batch."""
-    for config in (CONFIGS["two by two"], CONFIGS["fast, odd sizes"]):
-        core, model = VerilatedCore(config), IntegerCore(config)
-        settings = replace(BatchSettings.from_config(config, (3, 2)), iterations=2)
-        core.write_schedule(schedule_table(config, settings))
-        for wanted in (1, 2, 5, config.buffer_events):
-            x, y = rng.integers(config.sensor_width, size=20_000), rng.integers(config.sensor_height, size=20_000)
-            t = np.cumsum(rng.integers(1, 5, len(x)))
-            inside = (x >= 3) & (x < 3 + config.roi_width) & (y >= 2) & (y < 2 + config.roi_height)
-            end = int(np.flatnonzero(inside)[wanted - 1]) + 1
-            gaps = rng.integers(0, 9, len(x)) * (rng.random(len(x)) < 0.4) if wanted % 2 else None
-            values, trace, _ = core.run(
-                t, x, y, settings_values(config, settings) | {"batch_roi_events": wanted}, gaps=gaps, open_end=True
-            )
-            expected = model.run(t[:end], x[:end], y[:end], settings)
-            assert values["events"] == end
-            assert values["accepted"] == end or config.buffers == 2  # which begins the next batch at once
-            assert_same(to_batch_result(config, [values], [trace]), expected)
-            core.reset()
-            model = IntegerCore(config)
-        core.close()
 
 
 def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
@@ -304,12 +268,12 @@ def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
                 for level, shift, stride in ((2, 6, 2), limited, (0, 1, 0))
             ),
         )
-        values, trace, _ = core.run(t, x, y, settings_values(config, settings))
+        (values,), traces, _ = core.play([(t, x, y)], [settings_values(config, settings)])
         expected = model.run(t, x, y, settings)
         assert Flag.SCHEDULE in Flag(values["flags"])
-        assert to_batch_result(config, [values], [trace]).trace == expected.trace
+        assert to_batch_result(config, [values], traces).trace == expected.trace
         core.write_schedule([(2, 6, 2), limited, (0, 1, 0)])
-        values, _, _ = core.run(t, x, y, settings_values(config, settings))
+        (values,), _, _ = core.play([(t, x, y)], [settings_values(config, settings)])
         model.run(t, x, y, settings)
         assert Flag.SCHEDULE not in Flag(values["flags"])
     core.close()

@@ -9,25 +9,27 @@ from cmfpga.verilog.simulation import VerilatedCore
 from support.small_core import CONFIG, make_events, settings
 
 
-def core_run(core, events, **options):
+def played(core, events, **options):
+    """A batch's ports, with what the test bench measured, its trace and its pixels."""
     values = settings_values(CONFIG, settings((8, 8)))
-    return core.run(events.t, events.x, events.y, values, **options)
+    (row,), (trace,), pixels = core.play([(events.t, events.x, events.y)], [values], **options)
+    return row | {"measured_cycles": row.pop("valid") - row.pop("offered")}, trace, pixels
 
 
 def test_the_test_bench_counts_the_same_cycles(verilated_core, rng):
     events = make_events(rng, 40)
-    waited, _, _ = core_run(verilated_core, events)
+    waited, _, _ = played(verilated_core, events)
     # After a reset, before events are accepted: a cycle, the sweep of 16 words, and until its sums have settled.
     assert waited["measured_cycles"] == waited["cycles"] + 1 + 16 + 8
-    plain, _, none = core_run(verilated_core, events)
+    plain, _, none = played(verilated_core, events)
     assert plain["cycles"] == plain["measured_cycles"] and plain["accepted"] == 40 and none is None
     gaps = rng.integers(0, 4, 40)
-    slow, _, _ = core_run(verilated_core, events, gaps=gaps, result_stall=5)
+    slow, _, _ = played(verilated_core, events, gaps=gaps, stalls=[5])
     assert slow["measured_cycles"] == plain["measured_cycles"] + gaps[1:].sum()
 
 
 def test_the_pixels_of_every_sweep(verilated_core, rng):
-    _, trace, pixels = core_run(verilated_core, make_events(rng, 40), keep_pixels=True)
+    _, trace, pixels = played(verilated_core, make_events(rng, 40), keep_pixels=True)
     assert pixels.shape == (3, 16, 12) and trace.shape == (3, 7)
     for bank in range(4):
         assert verilated_core.pixel_names[3 * bank].endswith("_i")
@@ -43,9 +45,9 @@ def test_giving_up_says_what_is_missing(verilated_core, rng):
     ):
         verilated_core.reset()
         with pytest.raises(TimeoutError, match=rf"^0 of 1 results {message} accepted, 0 of 3 iterations seen$"):
-            core_run(verilated_core, events, **options)
+            played(verilated_core, events, **options)
     verilated_core.reset()
-    assert core_run(verilated_core, events)[0]["accepted"] == 40
+    assert played(verilated_core, events)[0]["accepted"] == 40
 
 
 def test_a_reset_forgets_v_and_the_roi(verilated_core, verilated_engine, rng):
@@ -63,8 +65,7 @@ def test_a_closed_core_is_not_used(compiler, rng):
     core.close()  # safe
     for use in (
         core.reset,
-        lambda: core.run(*axes, values),
-        lambda: core.stream([axes], [values]),
+        lambda: core.play([axes], [values]),
         lambda: core.write_schedule(((0, 1, 1),)),
         core.take_waves,
     ):
@@ -75,7 +76,7 @@ def test_a_closed_core_is_not_used(compiler, rng):
 def test_random_contents_of_memories_do_not_matter(compiler, verilated_core, rng):
     events = make_events(rng, 60)
     other = VerilatedCore(CONFIG, seed=99)
-    (a, trace_a, _), (b, trace_b, _) = core_run(verilated_core, events), core_run(other, events)
+    (a, trace_a, _), (b, trace_b, _) = played(verilated_core, events), played(other, events)
     assert a == b
     np.testing.assert_array_equal(trace_a, trace_b)
     other.close()
