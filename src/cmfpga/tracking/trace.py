@@ -232,7 +232,6 @@ class BatchTrace:
         now = floating.evaluate(x, y, dt, self.v[k], level=level, **size)
         warped = (floating.at_level(axis, level).numpy() for axis in floating.warp(x, y, dt, self.v[k]))
         images = (image.numpy()[:rows, :columns] for image in (now.image, now.derivative_x, now.derivative_y))
-        pairs = ((now.sum_dx, now.sum_dy), (now.s_x, now.s_y), (now.g_x, now.g_y))
         return IterationTrace(
             self.v[k],
             self._step(k) if self._each > 1 else self.v[k + 1],
@@ -241,6 +240,6 @@ class BatchTrace:
             *warped,
             *images,
             float(now.sum_i),
-            *(np.array([float(axis) for axis in pair]) for pair in pairs),
+            *(pair.numpy() for pair in (now.sum_d, now.s, now.g)),
             raw=None,
         )

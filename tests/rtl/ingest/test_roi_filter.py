@@ -46,9 +46,9 @@ def check(config, batches, probability=0.0, seed=0):
     for (t, *_), end, model in zip(batches, ends, results, strict=True):
         got = {name: recording.watch[f"measured.{name}"][end] for name in COUNTERS}
         if len(t):
-            wanted = {name: getattr(model, name) for name in COUNTERS[:4]} | {"t_first": t[0]}
+            wanted = {name: model.counts[name] for name in COUNTERS[:4]} | {"t_first": t[0]}
             assert got == wanted
-            assert model.events == len(model.t) + got["outside"] + got["time_back"] + got["time_span"]
+            assert model.counts["events"] == len(model.t) + got["outside"] + got["time_back"] + got["time_span"]
         else:
             assert [got[name] for name in COUNTERS[:4]] == [0, 0, 0, 0]
     return results, pushed, recording.cycles()
@@ -85,14 +85,14 @@ def test_matches_model(name, gap, rng):
     ]  # fmt: skip
     results, *_ = check(config, batches, GAPS[gap])
     assert sum(len(model.t) for model in results) > 20
-    assert sum(model.time_back for model in results) > 5
-    assert name == "whole" or sum(model.outside for model in results) > 5
+    assert sum(model.counts["time_back"] for model in results) > 5
+    assert name == "whole" or sum(model.counts["outside"] for model in results) > 5
 
 
 def test_nothing_leaves_without_an_event():
     """An idle filter stays silent, from the first cycle."""
     results, _, popped = check(SHAPES["tiny"], [([], [], [], (0, 0))] * 3)
-    assert not popped and all(model.events == 0 for model in results)
+    assert not popped and all(model.counts["events"] == 0 for model in results)
 
 
 def test_counter_wraps_within_a_batch():
@@ -100,7 +100,7 @@ def test_counter_wraps_within_a_batch():
     wrap = 1 << config.time_bits
     t = [(wrap - 20 + k) % wrap for k in range(0, 40, 2)]
     (model,), *_ = check(config, [(t, [1] * 20, [1] * 20, (0, 0))])
-    assert model.t.tolist() == list(range(0, 40, 2)) and model.span == 38
+    assert model.t.tolist() == list(range(0, 40, 2)) and model.counts["span"] == 38
 
 
 def test_steps_back_are_dropped_and_counted():
@@ -111,7 +111,7 @@ def test_steps_back_are_dropped_and_counted():
     t = [value % wrap for value in t]
     (model,), *_ = check(config, [(t, [1] * len(t), [1] * len(t), (0, 0))])
     # 9, 3, −1 step back; 5 + half the counter's range lies beyond the span; what follows is good again.
-    assert (model.time_back, model.time_span, model.span) == (3, 1, 7)
+    assert (model.counts["time_back"], model.counts["time_span"], model.counts["span"]) == (3, 1, 7)
     assert model.t.tolist() == [0, 5, 5, 6, 7]
 
 
@@ -120,13 +120,13 @@ def test_span_ends_exactly_at_its_width():
     limit = 1 << config.span_bits
     t = [7, 7 + limit - 1, 7 + limit, 7 + limit + 1, 7 + limit - 1, 7 + limit - 2]
     (model,), *_ = check(config, [(t, [0] * 6, [0] * 6, (0, 0))])
-    assert (model.time_span, model.time_back, model.span) == (2, 1, limit - 1)
+    assert (model.counts["time_span"], model.counts["time_back"], model.counts["span"]) == (2, 1, limit - 1)
 
 
 def test_first_event_sets_the_origin_even_outside_the_roi():
     config = SHAPES["odd"]
     (model,), *_ = check(config, [([1000, 1001, 1005], [39, 3, 3], [29, 3, 3], (0, 0))])
-    assert (model.t.tolist(), model.outside, model.span) == ([1, 5], 1, 5)
+    assert (model.t.tolist(), model.counts["outside"], model.counts["span"]) == ([1, 5], 1, 5)
 
 
 def test_dropped_events_do_not_count_as_outside():
@@ -135,7 +135,7 @@ def test_dropped_events_do_not_count_as_outside():
     limit = 1 << config.span_bits
     t = [100, 99, 100 + limit, 101]
     (model,), *_ = check(config, [(t, [99] * 4, [49] * 4, (0, 0))])
-    assert (model.outside, model.time_back, model.time_span) == (2, 1, 1)
+    assert (model.counts["outside"], model.counts["time_back"], model.counts["time_span"]) == (2, 1, 1)
 
 
 @pytest.mark.parametrize("name", ["narrow", "odd", "tiny", "whole"])

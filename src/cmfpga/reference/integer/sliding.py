@@ -37,9 +37,10 @@ from ...protocol.flags import Flag
 from ...protocol.results import BatchResult, not_judged
 from ...protocol.settings import clamp_roi
 from ...protocol.trace import Trace
-from ..ingest import TakenIn
+from ..ingest import TakenIn, flags_of
 from .core import IntegerCore
 from .event_path import time_scaler
+from .roi_filter import inside
 
 _SCAN = 4096  # events that are looked at in one go, where time ends no hop
 
@@ -96,6 +97,7 @@ class Sliding:
     def run(self, t, x, y):
         """Take events in; yields a result for each hop that closes."""
         config, given, counts = self.config, self.settings, self._counts
+        size = config.roi_width, config.roi_height
         t, x, y = (np.asarray(axis, np.int64) for axis in (t, x, y))
         if not len(t):
             return
@@ -110,20 +112,20 @@ class Sliding:
         while at < len(t):
             stop = int(np.searchsorted(t, self._closed + given.hop_us)) if given.hop_us else len(t)
             last = min(stop, at + _SCAN, at + config.max_batch_events - counts["events"])
-            inside = at + np.flatnonzero(good[at:last] & self._inside(x[at:last], y[at:last]))
-            stored = inside[-self._thinned % given.thinning :: given.thinning]
+            here = at + np.flatnonzero(good[at:last] & inside(config, x[at:last], y[at:last], self.crop, size))
+            stored = here[-self._thinned % given.thinning :: given.thinning]
             room = given.hop_events - (self.end - self._last_end)
             full = len(stored) >= room
             if full:
                 stored, last = stored[:room], int(stored[room - 1]) + 1
-                inside = inside[: np.searchsorted(inside, last)]
-            self._thinned = (self._thinned + len(inside)) % given.thinning
+                here = here[: np.searchsorted(here, last)]
+            self._thinned = (self._thinned + len(here)) % given.thinning
             part = slice(at, last)
             for name, which in lost.items():
                 counts[name] += int(which[part].sum())
             counts["events"] += last - at
-            counts["outside"] += int(good[part].sum()) - len(inside)
-            counts["thinned"] += len(inside) - len(stored)
+            counts["outside"] += int(good[part].sum()) - len(here)
+            counts["thinned"] += len(here) - len(stored)
             self.end += len(stored)
             self.window = tuple(
                 np.concatenate([kept, axis[stored]]) for kept, axis in zip(self.window, (t, x, y), strict=True)
@@ -146,12 +148,6 @@ class Sliding:
                 latest[k] = last = max(last, int(times[k]))
         self._latest = int(latest[-1])
         return latest, times < latest
-
-    def _inside(self, x, y):
-        frac, size = self.config.formats.event_frac, (self.config.roi_width, self.config.roi_height)
-        half = (1 << frac) >> 1
-        at = ((axis + half >> frac) - corner for axis, corner in zip((x, y), self.crop, strict=True))
-        return np.logical_and(*((axis >= 0) & (axis < most) for axis, most in zip(at, size, strict=True)))
 
     def _close(self, now):
         """Evaluate the window that ends here, and begin the next hop."""
@@ -188,8 +184,7 @@ class Sliding:
             flags |= self._move(t_first, unit, cold)
         else:
             flags |= Flag.DEGENERATE
-        for name in ("time_back", "thinned"):
-            flags |= Flag[name.upper()] if self._counts[name] else Flag(0)
+        flags |= flags_of(self._counts, Flag.TIME_BACK, Flag.THINNED)
         result = BatchResult(
             t_first=t_first % (1 << config.time_bits) if self._followed else None,
             span=unit,
