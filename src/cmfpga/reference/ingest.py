@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 
@@ -13,16 +13,15 @@ from .integer.filters import next_thinning, thinner
 from .integer.roi_filter import roi_filter
 
 
-@dataclass(frozen=True)
-class TakenIn:
+class TakenIn(NamedTuple):
     """A batch's stored events, and where the others went."""
 
     t: torch.Tensor  # µs since t_1, [n]
     x: torch.Tensor  # column in the ROI, raw with event_frac fraction bits, [n]
     y: torch.Tensor  # row in the ROI, the same, [n]
     counts: dict  # what is known of the batch, by the names of the fields of BatchResult
-    flags: Flag
-    next_thinning: int | None  # what would have brought this batch down to its target
+    flags: Flag = Flag(0)
+    next_thinning: int | None = None  # what would have brought this batch down to its target
     phase: int = 0  # of the first event in the dither
 
     def enough(self, settings):

@@ -99,7 +99,7 @@ class RegionSequence:
         here = inside(config, x, y, begin, (region.width, region.height))
         kept, counts = to_buffer(config, [axis[here] for axis in (stored.t, x, y)], region.stride)
         counts |= {"outside": int((~here).sum()) + stored.counts["outside"], "span": stored.counts["span"]}
-        return TakenIn(*kept, counts, flags_of(counts, Flag.OVERFLOW, Flag.THINNED), None), place
+        return TakenIn(*kept, counts, flags_of(counts, Flag.OVERFLOW, Flag.THINNED)), place
 
     def _measure(self, number, stored, settings, flags):
         config, core = self.config, self.core

@@ -15,8 +15,8 @@ from ..reference.ingest import take_in
 from ..reference.integer.ascent import newton
 from ..reference.integer.core import IntegerCore, IntegerIteration
 from ..reference.integer.event_path import dither, time_scaler
+from ..reference.integer.image import warp
 from ..reference.integer.motion import basis, flow
-from ..reference.integer.warp import warp
 
 
 @dataclass(frozen=True, eq=False)

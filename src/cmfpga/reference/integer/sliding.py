@@ -38,6 +38,7 @@ from ...protocol.results import BatchResult, not_judged
 from ...protocol.settings import clamp_roi
 from ...protocol.trace import Trace
 from ..ingest import TakenIn, flags_of
+from ..sequence import move_within
 from .core import IntegerCore
 from .event_path import time_scaler
 from .roi_filter import inside
@@ -168,7 +169,9 @@ class Sliding:
         trace = Trace.without_iterations(config, self.core.v)
         if self._followed:
             follows = given.follow and not cold
-            unit = int(saturate(self._ahead(t_first) if follows else span, 1, (1 << config.span_bits) - 1))
+            if follows:  # the window's range, if its hop takes as long as the last one
+                span = self._step + (self._closed - t_first if self.begin < self._last_end else 0)
+            unit = int(saturate(span, 1, (1 << config.span_bits) - 1))
             plan = given.follow if follows else given.cold if cold else given.warm
             if cold:
                 self.core.v = tuple(given.v_start)
@@ -214,20 +217,14 @@ class Sliding:
         self._begin_hop(now, stale)
         return result
 
-    def _ahead(self, t_first):
-        """The range of the window, if its hop takes as long as the last one."""
-        return self._step + (self._closed - t_first if self.begin < self._last_end else 0)
-
     def _ascend(self, plan, unit, corner):
         """``(trace, flags, fields, late)`` of these rounds or iterations, from the core's v on."""
         t, x, y = self.window
-        frac, n = self.config.formats.event_frac, len(t)
+        frac = self.config.formats.event_frac
         batch = TakenIn(
             torch.from_numpy(t - t[0]),
             *(torch.from_numpy(axis - (at << frac)) for axis, at in zip((x, y), corner, strict=True)),
-            {"span": unit, "roi_events": n},
-            Flag(0),
-            None,
+            {"span": unit, "roi_events": len(t)},
             phase=self.begin - self._origin,
         )
         return *self.core.ascend(batch, self.settings, plan, corner), int((t - t[0] > unit).sum())
@@ -240,20 +237,15 @@ class Sliding:
         if not self.settings.roi_gain:
             return Flag(0)
         start = tuple(axis << self._frac for axis in self.crop) if cold else self._corner
-        target = tuple(at - v * since for at, v in zip(start, self.core.v, strict=True))
-        self._corner = tuple(int(saturate(at, 0, most)) for at, most in zip(target, self._limits, strict=True))
+        self._corner, stopped = move_within(start, tuple(-v * since for v in self.core.v), self._limits)
         ahead = tuple(at + (v << shift) for at, v in zip(self._corner, self.core.v, strict=True))
         self._next_crop, limited = self._whole(ahead)
-        return Flag.ROI_CLAMPED if limited or self._corner != target else Flag(0)
+        return Flag.ROI_CLAMPED if limited or stopped else Flag(0)
 
     def _whole(self, position):
         """The nearest corner on the sensor, px, and whether it was limited."""
         rounded = tuple(round_half_up(axis, self._frac) for axis in position)
-        limited = tuple(
-            int(saturate(axis, 0, floor_shift(most, self._frac)))
-            for axis, most in zip(rounded, self._limits, strict=True)
-        )
-        return limited, limited != rounded
+        return move_within(rounded, (0, 0), tuple(floor_shift(most, self._frac) for most in self._limits))
 
     def _begin_hop(self, now, stale):
         given, times = self.settings, self.window[0]
