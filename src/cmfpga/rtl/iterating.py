@@ -195,17 +195,18 @@ class Iterating:
         if not verdict:  # who decides elsewhere has all that it takes
             m.d.comb += control.judged.eq(1)
             return
-        judged = Signal(name="judged")
+        judged, slides = Signal(name="judged"), self.config.slides
         m.d.sync += judged.eq((judged | verdict.done) & ~control.run.take)
+        begin = self.means.done & control.run.final
         m.d.comb += [
-            verdict.begin.eq(self.means.done & control.run.final),
+            verdict.begin.eq(begin & control.wants_verdict if slides else begin),
             verdict.sum_i.eq(self.means.o.i),
             verdict.squares.eq(self.means.o_squares),
             verdict.curvature.eq(self.ascent.curvature),
             verdict.events.eq(events),
             verdict.limit.eq(control.run.settings.confidence_limit),
-            control.judged.eq(judged | verdict.done),
-            control.run.doubtful.eq(verdict.doubtful & control.run.settings.judge),
+            control.judged.eq(judged if slides else judged | verdict.done),
+            *([] if slides else [control.run.doubtful.eq(verdict.doubtful & control.run.settings.judge)]),
         ]
 
     def _probed(self, m):

@@ -273,21 +273,6 @@ class SlidingCore(Iterating, Block):
         m.d.sync += been.eq(been | value)
         return been
 
-    def _confide(self, m, events):
-        """The verdict of the window's own last round, or of the one that judges it."""
-        control, verdict = self.iteration_control, self.judge
-        judged = Signal(name="judged")
-        m.d.sync += judged.eq((judged | verdict.done) & ~control.run.take)
-        m.d.comb += [
-            verdict.begin.eq(self.means.done & control.run.final & control.wants_verdict),
-            verdict.sum_i.eq(self.means.o.i),
-            verdict.squares.eq(self.means.o_squares),
-            verdict.curvature.eq(self.ascent.curvature),
-            verdict.events.eq(events),
-            verdict.limit.eq(control.run.settings.confidence_limit),
-            control.judged.eq(judged),
-        ]
-
     def _result(self, m, hop, corner, cropped, late, outside):
         """Nothing of this changes while a result waits."""
         control, hops, config, sums = self.iteration_control, self.hop_control, self.config, self.image.sums
