@@ -50,13 +50,13 @@ def to_beats(words, *, last=True):
 
 
 class _Evt2:
-    """EVT 2.1 and 2.0, whose words are the upper halves of those with a vector of one event."""
+    """EVT 2.1, and EVT 2.0, of which a word is the upper half of one of EVT 2.1 with a single event."""
 
-    def __init__(self, bits, counts):
-        self.bits, self.counts = bits, counts
-        self.high, self.known = 0, False
+    def __init__(self, bits):
+        self.bits, self.high, self.known = bits, 0, False
 
-    def events(self, word):
+    def events(self, word, counts):
+        """``(t, x, y, known)`` of each event in a word; ``counts`` grow by what it is otherwise."""
         vector, fields = (word & 0xFFFFFFFF, word >> 32) if self.bits == 64 else (1, word)
         kind, high = fields >> 28, fields & ((1 << HIGH_BITS) - 1)
         if kind in EVENT_TYPES:
@@ -64,10 +64,10 @@ class _Evt2:
             return [(t, x + k, y, self.known) for k in range(32) if vector >> k & 1]
         if kind == TIME_HIGH:
             half = 1 << (HIGH_BITS - 1)
-            self.counts["time_high_back"] += self.known and (high - self.high) % (2 * half) >= half
+            counts["time_high_back"] += self.known and (high - self.high) % (2 * half) >= half
             self.high, self.known = high, True
         else:
-            self.counts["other_words" if kind in OTHER_TYPES else "format_errors"] += 1
+            counts["other_words" if kind in OTHER_TYPES else "format_errors"] += 1
         return []
 
 
@@ -76,10 +76,7 @@ class _Packed:
 
     bits = 64
 
-    def __init__(self, counts):
-        pass
-
-    def events(self, word):
+    def events(self, word, counts):
         return [(word >> 32, word & 0xFFFF, word >> 16 & 0x7FFF, True)]
 
 
@@ -88,16 +85,15 @@ class _Evt3:
 
     bits = 16
 
-    def __init__(self, counts):
-        self.counts = counts
+    def __init__(self):
         self.known, self.low, self.high, self.wraps, self.now, self.y, self.base = False, 0, 0, 0, 0, 0, 0
 
-    def events(self, word):
+    def events(self, word, counts):
         columns, half = [], 1 << (TIME_BITS - 1)
         kind, value = word >> TIME_BITS, word & ((1 << TIME_BITS) - 1)
         if kind == TIME_HIGH:
             self.wraps += self.known and value < self.high - half
-            self.counts["time_high_back"] += self.known and self.high - half <= value < self.high
+            counts["time_high_back"] += self.known and self.high - half <= value < self.high
             self.low, self.high, self.known = self.low if value == self.high else 0, value, True
         elif kind == Evt3.TIME_LOW:
             self.low = value if self.known else 0
@@ -109,7 +105,7 @@ class _Evt3:
             columns = [self.base + bit for bit in range(VECTORS[kind]) if value >> bit & 1]
             self.base = min(self.base + VECTORS[kind], LAST_COLUMN)
         else:
-            self.counts["other_words" if kind in OTHER_TYPES_3 else "format_errors"] += 1
+            counts["other_words" if kind in OTHER_TYPES_3 else "format_errors"] += 1
         self.now = max(self.now, (self.wraps << TIME_BITS | self.high) << TIME_BITS | self.low)
         return [(self.now, x, self.y, self.known) for x in columns]
 
@@ -126,7 +122,7 @@ def _tokens(beats, decoder, counts):
         for k in range(last + 1):
             keep, end, found = beat.keep >> size * k & whole, beat.last and k == last, []
             if keep == whole:
-                found = decoder.events(beat.data >> decoder.bits * k & ((1 << decoder.bits) - 1))
+                found = decoder.events(beat.data >> decoder.bits * k & ((1 << decoder.bits) - 1), counts)
             else:
                 counts["format_errors"] += keep != 0
             for number, event in enumerate(found, 1):
@@ -156,7 +152,7 @@ def decode(config, beats, form, *, swap=False):
     counts = Counter(format_errors=0, other_words=0, time_high_back=0)
     beats = map(swap_beat, beats) if swap else beats
     mask = (1 << config.time_bits) - 1
-    tokens = _tokens(beats, DECODERS[form](counts), counts)
+    tokens = _tokens(beats, DECODERS[form](), counts)
     return [token._replace(t=token.t & mask) for token in tokens], counts
 
 
