@@ -48,11 +48,9 @@ class RegionSequence:
 
     def write(self, regions, anew=()):
         """Replace the table. A row that changes, or is one of ``anew``, forgets what it measured and where it moved."""
-        regions = list(regions)
+        regions, states = list(regions), []
         for number, region in enumerate(regions):
             region.check(self.config, number)
-        states = []
-        for number, region in enumerate(regions):
             kept = number not in anew and self.regions[number : number + 1] == [region]
             states.append(self._states[number] if kept else self._fresh(region))
         self.regions, self._states = regions, states
