@@ -12,11 +12,13 @@ from amaranth.lib import data
 
 from cmfpga.config import preset
 from cmfpga.rtl import payloads
+from cmfpga.rtl.image import tagged_accumulator
 from cmfpga.rtl.image.accumulator import Accumulator, ReadAddWrite
 from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator, TaggedBank
 from support.formal.accumulator_proof import TINY, AccumulatorHarness, TaggedAccumulatorHarness, small_bank, tiny
 from support.formal.bank_proof import ReadAddWriteHarness, TaggedBankHarness
 from support.formal.harness import needs_solver, solve
+from support.formal.mutants import ACCUMULATOR, READ_ADD_WRITE, SLICED_MEMORY, TAGGED_ACCUMULATOR, TAGGED_BANK
 
 pytestmark = needs_solver
 
@@ -88,4 +90,37 @@ def test_hazards_can_happen_in_the_proof(name):
 
 def test_with_one_idle_cycle_fewer_a_stale_word_is_seen():
     outcome = solve(swept("4 words", 3, fewer=1), "bmc", LONG)
+    assert outcome.status == "FAIL" and outcome.step is not None, outcome.log
+
+
+# Every counterexample of a mutant is shorter.
+MUTANT_CYCLES = 14
+
+#: How a mutated module is proved.
+HARNESSES = {
+    "bank": (READ_ADD_WRITE, lambda module: small_bank(module.ReadAddWrite)),
+    "tagged-bank": (TAGGED_BANK, lambda module: TaggedBankHarness(module.TaggedBank(tiny(6, 4)))),
+    "accumulator": (ACCUMULATOR, lambda module: AccumulatorHarness(module.Accumulator(TINY))),
+    "tagged-accumulator": (
+        TAGGED_ACCUMULATOR, lambda module: TaggedAccumulatorHarness(module.TaggedAccumulator(tiny(2, 2)), 1, [2])
+    ),
+}  # fmt: skip
+CASES = [
+    pytest.param(harness, mutant, id=f"{name}-{mutant}")
+    for name, (mutants, harness) in HARNESSES.items() for mutant in mutants
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("harness, mutant", CASES)
+def test_proof_finds(harness, mutant):
+    outcome = solve(harness(mutant.module()), "bmc", MUTANT_CYCLES)
+    assert outcome.status == "FAIL" and outcome.step is not None, outcome.log
+
+
+@pytest.mark.parametrize("mutant", SLICED_MEMORY, ids=str)
+def test_proof_finds_in_deep_banks(mutant, monkeypatch):
+    monkeypatch.setattr(tagged_accumulator, "SHALLOW", 4)
+    monkeypatch.setattr(tagged_accumulator, "SlicedMemory", mutant.module().SlicedMemory)
+    harness = TaggedBankHarness(tagged_accumulator.TaggedBank(tiny(6, 4)))
+    outcome = solve(harness, "bmc", MUTANT_CYCLES)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

@@ -38,6 +38,16 @@ def scene(config, rng, n=400):
     return x + dt * u[0], y + dt * u[1], dt, v
 
 
+def by_both(config, settings, x, y, dt):
+    """What the integer model and the float reference make of a scene as a sensor's events, in 40 ms."""
+    t = ((dt + 1) * 20_000).round().long()
+    t[0], t[-1] = 0, 40_000
+    column, row = (axis.round().long().clamp(0, side - 1) + at
+                   for axis, side, at in zip((x, y), (48, 40), ROI, strict=True))  # fmt: skip
+    cores = model.IntegerCore(config), FloatCore(config)
+    return [core.run(t.numpy(), column.numpy(), row.numpy(), settings) for core in cores]
+
+
 @pytest.mark.parametrize("level", [0, 1])
 @pytest.mark.parametrize("name", SHAPES)
 def test_slopes_are_the_derivative_by_autograd(name, level, rng):
@@ -135,14 +145,7 @@ def test_model_and_float_find_the_motion(name, rng):
     """The same scene by both: within a step or two of each other and of the truth, coarse to fine."""
     config = SHAPES[name].replace(cold="1:0*2 1:-1*3 0:-2*3 0:-3*3 0:-4*2")
     x, y, dt, v = scene(config, rng, 480)
-    t = ((dt + 1) * 20_000).round().long()
-    t[0], t[-1] = 0, 40_000
-    column, row = (axis.round().long().clamp(0, side - 1) + at
-                   for axis, side, at in zip((x, y), (48, 40), ROI, strict=True))  # fmt: skip
-    settings = BatchSettings.from_config(config, roi=ROI)
-    found = [
-        core(config).run(t.numpy(), column.numpy(), row.numpy(), settings) for core in (model.IntegerCore, FloatCore)
-    ]
+    found = by_both(config, BatchSettings.from_config(config, roi=ROI), x, y, dt)
     assert found[0].roi_events == found[1].roi_events > 300
     for result in found:
         assert np.abs(np.array(result.v) - v).max() < 0.5, result.v
@@ -156,17 +159,13 @@ def test_model_and_float_are_as_sure(name, rng):
     """At the same v, which stands: no step is taken. A sharp peak and none, and a batch that is not judged."""
     config, sure = SHAPES[name].replace(cold="0:-6", warm="0:-6"), []
     x, y, dt, v = scene(config, rng, 480)
-    t = ((dt + 1) * 20_000).round().long()
     raw = tuple(p.fmt.raw(axis) for p, axis in zip(config.motion_model.parameters, v, strict=True))
-    column, row = (axis.round().long().clamp(0, side - 1) + at
-                   for axis, side, at in zip((x, y), (48, 40), ROI, strict=True))  # fmt: skip
     away = tuple(one + 4 * (1 << config.v_frac) for one in raw)
     for start, judge in ((raw, 1), (away, 1), (raw, 0)):
         settings = BatchSettings(**vars(BatchSettings.from_config(config, roi=ROI)) | {
             "v_start": start, "judge": judge, "start_last": False, "confidence_limit": 60,
         })  # fmt: skip
-        found = [core(config).run(t.numpy(), column.numpy(), row.numpy(), settings)
-                 for core in (model.IntegerCore, FloatCore)]  # fmt: skip
+        found = by_both(config, settings, x, y, dt)
         kappa = [confidence(config, result) for result in found]
         if not judge:
             assert kappa == [None, None] and not any(Flag.DOUBTFUL in result.flags for result in found)

@@ -15,7 +15,7 @@ def ascend(x, y, dt, *, v_start, schedule, **size):
     v = [float64(v_start)]
     for k, entry in enumerate(schedule):
         now = evaluate(*(axis[used(entry, k, len(dt))] for axis in (x, y, dt)), v[-1], level=entry.level, **size)
-        v.append(v[-1] + by_signs(float64((now.g_x, now.g_y)), entry.log2_step))
+        v.append(v[-1] + by_signs(now.g, entry.log2_step))
     return np.array([one.tolist() for one in v])
 
 

@@ -4,10 +4,9 @@ Batches are cropped, started and followed as in the integer model. See :mod:`.fl
 and ``v`` are.
 """
 
-from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import NamedTuple
 
-import numpy as np
 import torch
 
 from ..config.schedule import ScheduleEntry
@@ -20,72 +19,18 @@ from .floating import dither, evaluate, float64, scaled_times
 from .sequence import Sequence
 
 
-def of_round(pixels, done, settings):
-    """Fields of the result that tell how sure v is, by their names in :mod:`cmfpga.protocol.results`.
-
-    Parameters
-    ----------
-    pixels : int
-        P.
-    done : Ascent
-        By rounds, the last of which tells.
-    settings : BatchSettings
-    """
-    squares = pixels * (done.contrast[-1] + (done.sum_i[-1] / pixels) ** 2)
-    return _told(float(squares.mean()), tuple(curvature(*done.g[-1].tolist())), settings)
-
-
-def probe_flow(x, y, dt, v, found, b, settings, *, at_pixels, **size):
-    """The same of a motion beyond translation, whose last iteration was at ``v``, and whose result is ``found``.
-
-    ``x``, ``y``, ``dt``, ``b``, ``at_pixels`` and ``size`` are as of :func:`.flow.sums`.
-    """
-    last, *probed = (
-        flow.sums(x, y, dt, one, b, at_pixels=at_pixels, **size)[1].tolist()
-        for one in (v, *(probes_towards_zero(tuple(found), PROBE) if settings.judge else ()))
-    )
-    shape = (least_fall(found, last, probed) if probed else 0.0,)
-    return _told(flow.squares(x, y, dt, v, b, **size), shape, settings)
-
-
-def _told(squares, shape, settings):
-    limit = settings.confidence_limit if settings.judge else 0
-    return {"sum_squares": squares, "curvature": shape, "confidence_limit": limit}
-
-
-def is_doubtful(config, result):
-    """Whether the confidence of a :class:`~cmfpga.protocol.results.BatchResult` is below its limit, exactly."""
-    kappa = confidence(config, result)
-    return kappa is not None and LIMIT_SCALE * kappa < result.confidence_limit
-
-
-@dataclass(frozen=True)
-class Ascent:
-    """Trace of an ascent of T iterations.
-
-    Parameters
-    ----------
-    v : float64 [T + 1, 2]
-        The start, then v after each iteration; ``v[-1]`` is the result.
-    contrast : float64 [T]
-        C at ``v[k]``; the contrast of the result itself is not part of an iteration.
-    gradient : float64 [T, 2]
-        ∇C at ``v[k]``.
-    sum_i : float64 [T]
-        ΣI at ``v[k]``.
-    sum_d, s, g : float64 [T, 2]
-        ΣD, S and G at ``v[k]``, along x and y.
-
-    Of rounds all but ``v`` are [T, 4] or [T, 4, 2]: of each evaluation beside ``v[k]``.
+class Ascent(NamedTuple):
+    """Trace of an ascent of T iterations, float64. Of rounds all but ``v`` have an axis more behind T: a round's four
+    evaluations beside ``v[k]``.
     """
 
-    v: torch.Tensor
-    contrast: torch.Tensor
-    gradient: torch.Tensor
-    sum_i: torch.Tensor
-    sum_d: torch.Tensor
-    s: torch.Tensor
-    g: torch.Tensor
+    v: torch.Tensor  # [T + 1, 2]: the start, then v after each iteration; v[-1] is the result
+    contrast: torch.Tensor  # [T], C at v[k]; the contrast of the result itself is not part of an iteration
+    gradient: torch.Tensor  # [T, 2], ∇C at v[k]
+    sum_i: torch.Tensor  # [T], ΣI at v[k]
+    sum_d: torch.Tensor  # [T, 2], ΣD at v[k], along x and y
+    s: torch.Tensor  # [T, 2], S
+    g: torch.Tensor  # [T, 2], G
 
 
 def _follow(x, y, dt, v_start, plan, step, around=None, **size):
@@ -101,16 +46,13 @@ def _follow(x, y, dt, v_start, plan, step, around=None, **size):
         for k, entry in enumerate(plan):
             places = around(k, v[k]) if around else [v[k]]
             each = [evaluate(x, y, dt, one, level=entry.level, **size) for one in places]
-            made = torch.stack([_scalars(now) for now in each])
+            made = torch.stack(
+                [torch.stack((now.contrast, *now.gradient, now.sum_i, *now.sum_d, *now.s, *now.g)) for now in each]
+            )
             scalars.append(made[None] if around else made)
             v[k + 1] = v[k] + step(k, each if around else each[0])
     contrasts, gradients, sum_i, sum_d, s, g = torch.cat(scalars).split((1, 2, 1, 2, 2, 2), dim=-1)
     return Ascent(v, contrasts[..., 0], gradients, sum_i[..., 0], sum_d, s, g)
-
-
-def _scalars(now):
-    sums = (now.sum_i, now.sum_dx, now.sum_dy, now.s_x, now.s_y, now.g_x, now.g_y)
-    return torch.stack((now.contrast, *now.gradient, *sums))
 
 
 def ascend(x, y, dt, *, v_start, eta, iterations, **size):
@@ -148,8 +90,8 @@ def ascend_by_rounds(x, y, dt, *, v_start, schedule, **size):
         return [v.new_tensor(one) for one in beside(v.tolist(), schedule[k].distance / 4)]
 
     def step(k, each):
-        gradients = [(float(now.g_x), float(now.g_y)) for now in each]
-        return each[0].g_x.new_tensor(newton_step(gradients, schedule[k].distance / 4, schedule[k].limit))
+        gradients = [now.g.tolist() for now in each]
+        return each[0].g.new_tensor(newton_step(gradients, schedule[k].distance / 4, schedule[k].limit))
 
     return _follow(x, y, dt, v_start, schedule, step, around, **size)
 
@@ -178,11 +120,22 @@ class FloatCore(Sequence):
         return x, y, scaled_times(batch.t, 0, batch.counts["span"])
 
     def ascend(self, batch, settings, plan, roi, middle=None):
-        config = self.config
-        events = self.place(batch)
-        if config.motion_model.basis:
-            trace, judged = self._flow(events, settings, plan, roi, middle)
-            return trace, self._doubt(judged, trace, batch), judged
+        events, limit = self.place(batch), settings.confidence_limit if settings.judge else 0
+        if self.config.motion_model.basis:
+            trace, *shape = self._flow(events, settings, plan, roi, middle)
+        else:
+            trace, *shape = self._translation(events, settings, plan)
+        if not self.config.confidence:
+            return trace, Flag(0), {}
+        judged = dict(zip(("sum_squares", "curvature"), shape, strict=True)) | {"confidence_limit": limit}
+        of_batch = {"sums": trace.last_sums, "roi_events": batch.counts["roi_events"], "flags": Flag(0)}
+        kappa = confidence(self.config, SimpleNamespace(**judged, **of_batch))
+        doubtful = kappa is not None and LIMIT_SCALE * kappa < limit  # exactly
+        return trace, Flag.DOUBTFUL if doubtful else Flag(0), judged
+
+    def _translation(self, events, settings, plan):
+        """The trace of a translation; of rounds the last one's mean Σ I² and curvature."""
+        config, pixels = self.config, self.config.geometry.pixels
         size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
         if config.ascent_rule.evaluations > 1:
             done = ascend_by_rounds(*events, **size, v_start=self.v, schedule=plan)
@@ -191,21 +144,14 @@ class FloatCore(Sequence):
             done = ascend(*events, **size, v_start=self.v, eta=eta, iterations=len(plan))
         trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
         if not config.confidence:
-            return trace, Flag(0), {}
-        judged = of_round(config.geometry.pixels, done, settings)
-        return trace, self._doubt(judged, trace, batch), judged
-
-    def _doubt(self, judged, trace, batch):
-        """The flag that follows from what was ``judged``."""
-        if not judged:
-            return Flag(0)
-        kept = {"sums": trace.last_sums, "roi_events": batch.counts["roi_events"], "flags": Flag(0)}
-        doubtful = is_doubtful(self.config, SimpleNamespace(**judged, **kept))
-        return Flag.DOUBTFUL if doubtful else Flag(0)
+            return (trace,)
+        squares = pixels * (done.contrast[-1] + (done.sum_i[-1] / pixels) ** 2)
+        return trace, float(squares.mean()), tuple(curvature(*done.g[-1].tolist()))
 
     def _flow(self, events, settings, plan, roi, middle):
-        """The trace of a motion beyond translation, whose roll and zoom are limited as in the hardware, and how sure it
-        is."""
+        """The same of a motion beyond translation, whose roll and zoom are limited as in the hardware: Σ I² of its last
+        iteration, and how much the gradient falls towards zero.
+        """
         config = self.config
         b = flow.basis(config, *events[:2], roi=roi, camera=settings.camera, middle=middle)
         limits = float64([p.fmt.real(p.fmt.max) for p in config.motion_model.parameters])
@@ -214,10 +160,14 @@ class FloatCore(Sequence):
         def at_pixels(level):
             return flow.pixel_basis(config, level, middle) if config.motion_model.of_pixels else None
 
-        done = flow.ascend(*events, b, v_start=self.v, schedule=plan, limits=limits, at_pixels=at_pixels, **size)
-        none = np.zeros((len(plan), 2))
-        trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=none, s=done.s.numpy())
+        trace = flow.ascend(*events, b, v_start=self.v, schedule=plan, limits=limits, at_pixels=at_pixels, **size)
         if not config.confidence:
-            return trace, {}
-        size |= {"level": plan[-1].level, "at_pixels": at_pixels(plan[-1].level)}
-        return trace, probe_flow(*events, *done.v[-2:].tolist(), b, settings, **size)
+            return (trace,)
+        size["level"] = plan[-1].level
+        last, found = trace.v[-2:].tolist()
+        gradient, *probed = (
+            flow.sums(*events, v, b, at_pixels=at_pixels(plan[-1].level), **size)[1].tolist()
+            for v in (last, *(probes_towards_zero(tuple(found), PROBE) if settings.judge else ()))
+        )
+        fall = least_fall(found, gradient, probed) if probed else 0.0
+        return trace, flow.squares(*events, last, b, **size), (fall,)

@@ -16,7 +16,7 @@ Conventions, for all functions:
 * Inputs are tensors, NumPy arrays or numbers. Integers are taken exactly; floats other than float64 are refused.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -93,32 +93,13 @@ def dither(n):
 # -------------------------------------------------------------------- votes and images
 
 
-@dataclass(frozen=True)
-class Votes:
-    """The four bilinear votes of each event. All fields have shape [4, n].
+class Votes(NamedTuple):
+    """The four bilinear votes of each event, [4, n]."""
 
-    Parameters
-    ----------
-    pixel : int64
-        Address y·width + x of the corner; P for a corner outside the ROI.
-    weight : float64
-        w (Eq. weights), in [0, 1]; the four of an event sum to 1.
-    by_x, by_y : float64
-        ∂w/∂x' (Eq. w_dx_x) and ∂w/∂y', in [−1, 1]; the four of an event sum to 0.
-    """
-
-    pixel: torch.Tensor
-    weight: torch.Tensor
-    by_x: torch.Tensor
-    by_y: torch.Tensor
-
-
-def cell_pixels(i, j, width, height):
-    """Addresses of the corners of cells, int64 [4, n], as in :class:`Votes`. ``i``, ``j``: whole numbers as floats."""
-    columns, rows = torch.stack((i, i + 1, i, i + 1)), torch.stack((j, j, j + 1, j + 1))
-    # Compared as floats: an address is only formed where it is valid, so far positions cannot alias.
-    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-    return torch.where(inside, rows * width + columns, float(width * height)).to(torch.int64)
+    pixel: torch.Tensor  # int64: address y·width + x of the corner; P for a corner outside the ROI
+    weight: torch.Tensor  # w (Eq. weights), in [0, 1]; the four of an event sum to 1
+    by_x: torch.Tensor  # ∂w/∂x' (Eq. w_dx_x), in [−1, 1]; the four of an event sum to 0
+    by_y: torch.Tensor  # ∂w/∂y', likewise
 
 
 def bilinear_votes(x_warped, y_warped, width, height):
@@ -130,8 +111,11 @@ def bilinear_votes(x_warped, y_warped, width, height):
     x_warped, y_warped = float64(x_warped), float64(y_warped)
     i, j = torch.floor(x_warped.detach()), torch.floor(y_warped.detach())
     dx, dy = x_warped - i, y_warped - j
+    columns, rows = torch.stack((i, i + 1, i, i + 1)), torch.stack((j, j, j + 1, j + 1))
+    # Compared as floats: an address is only formed where it is valid, so far positions cannot alias.
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
     return Votes(
-        pixel=cell_pixels(i, j, width, height),
+        pixel=torch.where(inside, rows * width + columns, float(width * height)).to(torch.int64),
         weight=torch.stack(((1 - dx) * (1 - dy), dx * (1 - dy), (1 - dx) * dy, dx * dy)),
         by_x=torch.stack((-(1 - dy), 1 - dy, -dy, dy)),
         by_y=torch.stack((-(1 - dx), -dx, 1 - dx, dx)),
@@ -163,19 +147,15 @@ def level_size(size, level):
     return -(-size // (1 << level))
 
 
-def _derivative_images(votes, dt, width, height):
+def derivative_images(votes, dt, width, height):
+    """Dx = ∂I/∂vx and Dy = ∂I/∂vy of :class:`Votes` (Eq. I_w_v_x, w_dx_x, dx_k_x'_k_x'_k_v_x). Each pixel in [−n, n].
+
+    ∂w/∂vx = ∂w/∂x' · ∂x'/∂vx with ∂x'/∂vx = −dt. On a grid line, where ∂w/∂x' jumps, it is that of the cell ⌊x'⌋.
+    """
     return (
         accumulate(votes.pixel, -dt * votes.by_x, width, height),
         accumulate(votes.pixel, -dt * votes.by_y, width, height),
     )
-
-
-def derivative_images(x_warped, y_warped, dt, width, height):
-    """Dx = ∂I/∂vx and Dy = ∂I/∂vy (Eq. I_w_v_x, w_dx_x, dx_k_x'_k_x'_k_v_x). Each pixel in [−n, n].
-
-    ∂w/∂vx = ∂w/∂x' · ∂x'/∂vx with ∂x'/∂vx = −dt. On a grid line, where ∂w/∂x' jumps, it is that of the cell ⌊x'⌋.
-    """
-    return _derivative_images(bilinear_votes(x_warped, y_warped, width, height), float64(dt), width, height)
 
 
 # -------------------------------------------------------------------- objective
@@ -196,45 +176,24 @@ def gradient(image, derivative_x, derivative_y):
     return torch.stack([2 * (centred * (d - d.mean())).mean() for d in (derivative_x, derivative_y)])
 
 
-@dataclass(frozen=True)
-class Iteration:
+class Iteration(NamedTuple):
     """Every intermediate of one iteration, in real units (a full vote is 1.0).
 
     At a coarse level the image is ⌈width/2^level⌉ × ⌈height/2^level⌉ pixels large and stands in the upper left corner
     of the ROI's P pixels, the others being zero, as in the hardware's memory. So P, the means and the contrast are
     those of all P pixels at every level. Derivatives are by v **in pixels of the level**: ∂I/∂(v/2^level).
-
-    Parameters
-    ----------
-    v : float64 [2]
-        The velocity at which all was computed, in pixels of the sensor per half batch at every level.
-    image, derivative_x, derivative_y : float64 [height, width]
-        I, Dx, Dy.
-    sum_i, sum_dx, sum_dy : float64 scalars
-        ΣI, ΣDx, ΣDy over the ROI.
-    s_x, s_y : float64 scalars
-        S = Σ I·D.
-    g_x, g_y : float64 scalars
-        G = P·S − ΣI·ΣD, so that ∂C/∂v = 2·G/P².
-    contrast : float64 scalar
-        C.
-    gradient : float64 [2]
-        ∇C, computed as the article writes it, not from G.
     """
 
-    v: torch.Tensor
-    image: torch.Tensor
-    derivative_x: torch.Tensor
-    derivative_y: torch.Tensor
-    sum_i: torch.Tensor
-    sum_dx: torch.Tensor
-    sum_dy: torch.Tensor
-    s_x: torch.Tensor
-    s_y: torch.Tensor
-    g_x: torch.Tensor
-    g_y: torch.Tensor
-    contrast: torch.Tensor
-    gradient: torch.Tensor
+    v: torch.Tensor  # [2], at which all was computed, in pixels of the sensor per half batch at every level
+    image: torch.Tensor  # I, [height, width]
+    derivative_x: torch.Tensor  # Dx, [height, width]
+    derivative_y: torch.Tensor  # Dy, [height, width]
+    sum_i: torch.Tensor  # ΣI over the ROI
+    sum_d: torch.Tensor  # ΣDx and ΣDy, [2]
+    s: torch.Tensor  # S = Σ I·D along x and y, [2]
+    g: torch.Tensor  # G = P·S − ΣI·ΣD, so that ∂C/∂v = 2·G/P², [2]
+    contrast: torch.Tensor  # C
+    gradient: torch.Tensor  # ∇C, [2], computed as the article writes it, not from G
 
 
 def evaluate(x, y, dt, v, *, width, height, level=0, border="corners"):
@@ -249,24 +208,13 @@ def evaluate(x, y, dt, v, *, width, height, level=0, border="corners"):
     image, pixels = accumulate(votes.pixel, votes.weight, *size), width * height
     if border == "whole":
         dt = dt * (votes.pixel < size[0] * size[1]).all(0)
-    d_x, d_y = _derivative_images(votes, dt, *size)
+    derivatives = derivative_images(votes, dt, *size)
     if level:
         rest = (0, width - size[0], 0, height - size[1])
-        image, d_x, d_y = (torch.nn.functional.pad(part, rest) for part in (image, d_x, d_y))
-    sum_i, sum_dx, sum_dy = image.sum(), d_x.sum(), d_y.sum()
-    s_x, s_y = (image * d_x).sum(), (image * d_y).sum()
+        image, *derivatives = (torch.nn.functional.pad(part, rest) for part in (image, *derivatives))
+    sum_i, sum_d = image.sum(), torch.stack([d.sum() for d in derivatives])
+    s = torch.stack([(image * d).sum() for d in derivatives])
+    g = pixels * s - sum_i * sum_d
     return Iteration(
-        v=v,
-        image=image,
-        derivative_x=d_x,
-        derivative_y=d_y,
-        sum_i=sum_i,
-        sum_dx=sum_dx,
-        sum_dy=sum_dy,
-        s_x=s_x,
-        s_y=s_y,
-        g_x=pixels * s_x - sum_i * sum_dx,
-        g_y=pixels * s_y - sum_i * sum_dy,
-        contrast=contrast(image),
-        gradient=gradient(image, d_x, d_y),
+        v, image, *derivatives, sum_i, sum_d, s, g, contrast=contrast(image), gradient=gradient(image, *derivatives)
     )

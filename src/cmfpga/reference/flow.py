@@ -7,11 +7,11 @@ a similarity it takes b_p at the pixel for that of the events, in a rotation at 
 were there before it: :func:`sums`.
 """
 
-from dataclasses import dataclass
-
+import numpy as np
 import torch
 
 from ..config.schedule import used
+from ..protocol.trace import Trace
 from .floating import accumulate, at_level, bilinear_votes, float64, level_size
 
 
@@ -115,27 +115,17 @@ def by_signs(slopes, log2_step):
     return 2.0**log2_step * slopes.sign() * torch.where(2 * slopes.abs() < slopes.abs().max(), 0.5, 1.0)
 
 
-@dataclass(frozen=True)
-class Ascent:
-    """As :class:`.float_core.Ascent`: ``v`` [T + 1, parameters], ``sum_i`` [T], ``s`` [T, parameters]."""
-
-    v: torch.Tensor
-    sum_i: torch.Tensor
-    s: torch.Tensor
-
-
 def ascend(x, y, dt, b, *, v_start, schedule, limits, at_pixels=lambda level: None, **size):
-    """v ← v + :func:`by_signs` of S, within ±``limits``: :class:`Ascent`.
+    """v ← v + :func:`by_signs` of S, within ±``limits``: :class:`Trace`, whose ΣD are 0.
 
     ``at_pixels(level)`` is what :func:`sums` takes.
     """
-    v = [float64(v_start)]
-    found = []
+    v, found = [float64(v_start)], []
     for k, entry in enumerate(schedule):
         part = used(entry, k, len(dt))
         size |= {"level": entry.level, "at_pixels": at_pixels(entry.level)}
         found.append(sums(x[part], y[part], dt[part], v[-1], b[:, :, part], **size))
-        s = found[-1][1]
-        target = v[-1] + by_signs(s, entry.log2_step)
+        target = v[-1] + by_signs(found[-1][1], entry.log2_step)
         v.append(torch.minimum(torch.maximum(target, -limits), limits))
-    return Ascent(torch.stack(v), torch.stack([i for i, _ in found]), torch.stack([s for _, s in found]))
+    v, sum_i, s = (torch.stack(rows).numpy() for rows in (v, *zip(*found, strict=True)))
+    return Trace(v=v, sum_i=sum_i, sum_d=np.zeros((len(sum_i), 2)), s=s)

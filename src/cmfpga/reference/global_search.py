@@ -20,18 +20,10 @@ _BORDER = 8  # px around the events' positions where no window is given
 
 @dataclass(frozen=True)
 class Flow:
-    """Positions of events, and how each parameter moves them.
+    """Positions of events, and how each parameter moves them."""
 
-    Parameters
-    ----------
-    position : float64 [2, n]
-        In px of the image that is made.
-    basis : float64 [2, k, n]
-        b, px per unit of each parameter.
-    """
-
-    position: np.ndarray
-    basis: np.ndarray
+    position: np.ndarray  # float64 [2, n], in px of the image that is made
+    basis: np.ndarray  # float64 [2, k, n]: b, px per unit of each parameter
 
 
 def _dithered(x, y):
@@ -53,12 +45,7 @@ def affine(x, y, centre, scale):
 
 
 def rotation(camera, x, y):
-    """Flow of a camera's angular velocity (ωx, ωy, ωz), rad/s, in the undistorted image.
-
-    Parameters
-    ----------
-    camera : cmfpga.imaging.camera.Camera
-    """
+    """Flow of a :class:`~cmfpga.imaging.camera.Camera`'s angular velocity (ωx, ωy, ωz), rad/s, undistorted."""
     rays = camera.rays(*_dithered(x, y))
     focus = np.array([camera.fx, camera.fy])
     centre = np.array([camera.cx, camera.cy])
@@ -73,19 +60,11 @@ def rotation_as_seen(camera, x, y):
 
 @dataclass(frozen=True)
 class Found:
-    """The motion found.
+    """The motion found."""
 
-    Parameters
-    ----------
-    at_middle, rate : float64 [k]
-        Parameters in the middle of the time range, and their change per s (0 unless ``linear``).
-    contrast : float
-        Population variance of the image.
-    """
-
-    at_middle: np.ndarray
-    rate: np.ndarray
-    contrast: float
+    at_middle: np.ndarray  # float64 [k], parameters in the middle of the time range
+    rate: np.ndarray  # float64 [k], their change per s; 0 unless ``linear``
+    contrast: float  # population variance of the image
 
     def at(self, seconds):
         """Parameters so many seconds after the middle."""
@@ -104,10 +83,6 @@ def search(flow, t, *, linear=False, window=None):
         The parameters change linearly in time.
     window : (float, float, float, float), optional
         Columns and rows of the image, first and last, px. Events may enter and leave it; by default it holds all.
-
-    Returns
-    -------
-    Found
     """
     t = np.asarray(t, np.int64)
     seconds = (t - (t[0] + t[-1]) / 2) * 1e-6

@@ -1,6 +1,8 @@
 """What happens to a batch before its first iteration, the same in the integer model and the float reference."""
 
-from dataclasses import dataclass
+import functools
+import operator
+from typing import NamedTuple
 
 import torch
 
@@ -11,16 +13,15 @@ from .integer.filters import next_thinning, thinner
 from .integer.roi_filter import roi_filter
 
 
-@dataclass(frozen=True)
-class TakenIn:
+class TakenIn(NamedTuple):
     """A batch's stored events, and where the others went."""
 
     t: torch.Tensor  # µs since t_1, [n]
     x: torch.Tensor  # column in the ROI, raw with event_frac fraction bits, [n]
     y: torch.Tensor  # row in the ROI, the same, [n]
     counts: dict  # what is known of the batch, by the names of the fields of BatchResult
-    flags: Flag
-    next_thinning: int | None  # what would have brought this batch down to its target
+    flags: Flag = Flag(0)
+    next_thinning: int | None = None  # what would have brought this batch down to its target
     phase: int = 0  # of the first event in the dither
 
     def enough(self, settings):
@@ -28,11 +29,23 @@ class TakenIn:
         return self.counts["roi_events"] >= max(1, settings.min_roi_events) and self.counts["span"] > 0
 
 
-def thinned_to_room(config, found, factor):
-    """``factor``, or a larger one by which ``found`` events fit into a buffer that thins out."""
+def to_buffer(config, events, factor):
+    """One in ``factor`` of the ``events`` (three tensors) as far as they fit: they, and what is counted.
+
+    ``factor`` is doubled until they fit a buffer that thins out.
+    """
+    found = len(events[0])
     while thins(config) and -(-found // factor) > config.buffer_events:
         factor *= 2
-    return factor
+    kept = thinner(events, factor)
+    n = min(len(kept[0]), config.buffer_events)
+    counts = {"roi_events": n, "overflow": len(kept[0]) - n, "thinned": found - len(kept[0])}
+    return [axis[:n] for axis in kept], counts | ({"thinning_used": factor} if thins(config) else {})
+
+
+def flags_of(counts, *flags):
+    """Those of ``flags`` whose count, of the same name, is not 0."""
+    return functools.reduce(operator.or_, (flag for flag in flags if counts[flag.name.lower()]), Flag(0))
 
 
 def take_in(config, t, x, y, settings, *, roi, last_thinning, dropped=(False, False)):
@@ -52,28 +65,10 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning, dropped=(False, Fa
     """
     x, y = undistort(config, settings.camera, x, y)
     inside = roi_filter(config, t, x, y, roi=roi, hot=dropped[0], noise=dropped[1])
-    found = len(inside.t)
     factor = last_thinning if settings.thin_target and last_thinning else settings.thinning
-    factor = thinned_to_room(config, found, factor)
-    kept = thinner((inside.t, inside.x, inside.y), factor)
-    used = {"thinning_used": factor if len(t) else None} if thins(config) else {}
-    n = min(len(kept[0]), config.buffer_events)
-    counts = {
-        "t_first": int(t[0]) & ((1 << config.time_bits) - 1) if len(t) else None,
-        "events": inside.events,
-        "roi_events": n,
-        "outside": inside.outside,
-        "overflow": len(kept[0]) - n,
-        "thinned": found - len(kept[0]),
-        "time_back": inside.time_back,
-        "time_span": inside.time_span,
-        "hot": inside.hot,
-        "noise": inside.noise,
-        "span": inside.span,
-        **used,
-    }
-    flags = Flag(0)
-    for flag in (Flag.OVERFLOW, Flag.THINNED, Flag.TIME_BACK, Flag.TIME_SPAN):
-        flags |= flag if counts[flag.name.lower()] else Flag(0)
-    stored = (axis[:n] for axis in kept)
-    return TakenIn(*stored, counts, flags, next_thinning(found, settings.thin_target))
+    kept, counts = to_buffer(config, inside[:3], factor)
+    counts |= inside.counts
+    if not len(t) and thins(config):
+        counts["thinning_used"] = None
+    flags = flags_of(counts, Flag.OVERFLOW, Flag.THINNED, Flag.TIME_BACK, Flag.TIME_SPAN)
+    return TakenIn(*kept, counts, flags, next_thinning(len(inside.t), settings.thin_target))

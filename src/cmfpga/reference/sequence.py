@@ -18,6 +18,11 @@ def move_within(position, step, limits):
     return moved, moved != target
 
 
+def corner_of(position, pixel):
+    """The nearest corner, px, of a position in units of which ``pixel`` are one."""
+    return tuple(int((p + pixel / 2) // pixel) for p in position)
+
+
 class RoiFollower:
     """The ROI's position between batches (Eq. roi_update), as :mod:`cmfpga.rtl.ascent.roi_updater` keeps it.
 
@@ -52,12 +57,12 @@ class RoiFollower:
             wanted = tuple(axis * self.pixel for axis in roi)
             self.position, limited = move_within(wanted, self._still, self.limits)
             self._last_step = self._coming_step = self._still
-            return self._corner(self.position), limited
+            return corner_of(self.position, self.pixel), limited
         position, limited = self._next()
         if self._coming_step is not None:
             self.position, _ = move_within(self.position, self._coming_step, self.limits)
             self._last_step = self._coming_step
-        return self._corner(position), limited
+        return corner_of(position, self.pixel), limited
 
     def move(self, step):
         """Follow by ``step``, None for a batch that measured nothing; whether the sensor limited that at once."""
@@ -72,15 +77,12 @@ class RoiFollower:
     @property
     def next_corner(self):
         """Corner of the next batch, px, unless it loads another."""
-        return self._corner(self._next()[0])
+        return corner_of(self._next()[0], self.pixel)
 
     def _next(self):
         if self.buffers == 1:
             return self.position, False
         return move_within(self.position, self._last_step, self.limits)
-
-    def _corner(self, position):
-        return tuple(int((p + self.pixel / 2) // self.pixel) for p in position)
 
 
 class Sequence(ABC):
@@ -135,44 +137,43 @@ class Sequence(ABC):
         -------
         BatchResult
         """
-        config, rule = self.config, self.config.ascent_rule
+        rule = self.config.ascent_rule
         roi, limited = self.follower.crop(settings.roi)
         dropped = self.noise_filter.judge(t, x, y, settings)
-        batch = take_in(config, t, x, y, settings, roi=roi, last_thinning=self.thinning, dropped=dropped)
+        batch = take_in(self.config, t, x, y, settings, roi=roi, last_thinning=self.thinning, dropped=dropped)
         self.thinning = batch.next_thinning
         flags = batch.flags | (Flag.CUT if cut else Flag(0))
-        warm = rule.warm(settings, self.followed and settings.roi is None)
-        restarted = bool(warm and self.doubtful and settings.cold_after_doubtful)
-        warm, judged = warm and not restarted, not_judged(config)
-        plan = rule.plan(settings, warm)
-        self.followed = batch.enough(settings) and bool(plan)
-        self.plan = plan if self.followed else ()
-        step = None
-        if self.followed:
-            if not warm:
-                self.v = tuple(self.number(config.formats.v, axis) for axis in settings.v_start)
-            trace, found, fields = self.ascend(batch, settings, plan, roi)
-            flags |= found
-            judged |= fields | ({"restarted": int(restarted)} if config.confidence else {})
-            self.v = tuple(trace.v[-1].tolist())
-            flags |= self.short
-            step = self.step(settings)
-        else:
-            trace = Trace.without_iterations(config, self.v)
-            flags |= Flag.DEGENERATE
-        self.doubtful = Flag.DOUBTFUL in flags
+        source = self if rule.warm(settings, self.followed and settings.roi is None) else None
+        found = self.measure(self, source, batch, settings, lambda warm: rule.plan(settings, warm), roi, flags)
+        step = self.step(settings) if self.followed else None
         limited |= self.follower.move(step)
-        flags |= Flag.ROI_CLAMPED if limited else Flag(0)
-        return BatchResult(
-            **batch.counts,
-            roi=roi,
-            roi_next=self.follower.next_corner,
-            v=self.velocity,
-            iterations=len(trace.sum_i),
-            flags=flags,
-            **judged,
-            trace=trace,
-        )
+        found["flags"] |= Flag.ROI_CLAMPED if limited else Flag(0)
+        return BatchResult(**batch.counts, roi=roi, roi_next=self.follower.next_corner, **found)
+
+    def measure(self, state, source, batch, settings, plan, roi, flags, middle=None):
+        """Ascend over a :class:`~.ingest.TakenIn`, if it is enough: fields of the result, ``flags`` among them.
+
+        ``state`` has, and keeps, ``v``, ``followed``, ``doubtful`` and ``plan``. ``source`` is the one whose v the
+        ascent begins with, None for that of the settings; ``plan(warm)`` says what is done then. ``roi`` and ``middle``
+        are as of :meth:`ascend`.
+        """
+        config = self.config
+        restarted = bool(source and source.doubtful and settings.cold_after_doubtful)
+        warm, judged = source is not None and not restarted, not_judged(config)
+        state.plan = tuple(plan(warm)) if batch.enough(settings) else ()
+        state.followed = bool(state.plan)
+        if state.followed:
+            self.v = source.v if warm else tuple(self.number(config.formats.v, axis) for axis in settings.v_start)
+            trace, found, fields = self.ascend(batch, settings, state.plan, roi, middle)
+            judged |= fields | ({"restarted": int(restarted)} if config.confidence else {})
+            self.v = state.v = tuple(trace.v[-1].tolist())
+            flags |= found | self.short
+        else:
+            self.v = state.v
+            trace = Trace.without_iterations(config, state.v)
+            flags |= Flag.DEGENERATE
+        state.doubtful = Flag.DOUBTFUL in flags
+        return {"v": self.velocity, "iterations": len(trace.sum_i), "flags": flags, "trace": trace, **judged}
 
     def step(self, settings):
         """How far what has moved by v takes its ROI, along x and y."""

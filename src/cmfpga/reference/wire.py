@@ -3,6 +3,7 @@
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -48,115 +49,86 @@ def to_beats(words, *, last=True):
     return [Beat(word, WHOLE, last and k == len(words) - 1) for k, word in enumerate(words)]
 
 
-class _Time:
-    """High bits of EVT 2.x time stamps."""
+class _Evt2:
+    """EVT 2.1, and EVT 2.0, of which a word is the upper half of one of EVT 2.1 with a single event."""
 
-    def __init__(self, counts):
-        self.high, self.known, self.counts = 0, False, counts
+    def __init__(self, bits):
+        self.bits, self.high, self.known = bits, 0, False
 
-    def load(self, high):
-        half = 1 << (HIGH_BITS - 1)
-        if self.known and (high - self.high) % (2 * half) >= half:
-            self.counts["time_high_back"] += 1
-        self.high, self.known = high, True
-
-    def stamp(self, low):
-        return self.high << LOW_BITS | low
-
-
-def _count_type(kind, counts):
-    counts["other_words" if kind in OTHER_TYPES else "format_errors"] += 1
-
-
-def _evt21(beats, counts):
-    time = _Time(counts)
-    for beat in beats:
-        vector, fields = beat.data & 0xFFFFFFFF, beat.data >> 32
-        kind = fields >> 28
-        found = []
-        if beat.keep != WHOLE:
-            counts["format_errors"] += beat.keep != 0
-        elif kind in EVENT_TYPES:
-            found = [k for k in range(32) if vector >> k & 1]
-        elif kind == TIME_HIGH:
-            time.load(fields & ((1 << HIGH_BITS) - 1))
+    def events(self, word, counts):
+        """``(t, x, y, known)`` of each event in a word; ``counts`` grow by what it is otherwise."""
+        vector, fields = (word & 0xFFFFFFFF, word >> 32) if self.bits == 64 else (1, word)
+        kind, high = fields >> 28, fields & ((1 << HIGH_BITS) - 1)
+        if kind in EVENT_TYPES:
+            t, x, y = self.high << LOW_BITS | fields >> 22 & 0x3F, fields >> 11 & 0x7FF, fields & 0x7FF
+            return [(t, x + k, y, self.known) for k in range(32) if vector >> k & 1]
+        if kind == TIME_HIGH:
+            half = 1 << (HIGH_BITS - 1)
+            counts["time_high_back"] += self.known and (high - self.high) % (2 * half) >= half
+            self.high, self.known = high, True
         else:
-            _count_type(kind, counts)
-        t, x, y = time.stamp(fields >> 22 & 0x3F), fields >> 11 & 0x7FF, fields & 0x7FF
-        for k in found:
-            yield Token(t, x + k, y, time.known, True, beat.last and k == found[-1])
-        if beat.last and not found:
-            yield Token(0, 0, 0, False, False, True)
+            counts["other_words" if kind in OTHER_TYPES else "format_errors"] += 1
+        return []
 
 
-def _evt20(beats, counts):
-    time = _Time(counts)
-    for beat in beats:
-        upper = beat.keep >> 4 != 0
-        for half in range(1 + upper):
-            word, keep = beat.data >> 32 * half & 0xFFFFFFFF, beat.keep >> 4 * half & 0xF
-            kind, end = word >> 28, beat.last and half == upper
-            event = False
-            if keep != 0xF:
-                counts["format_errors"] += keep != 0
-            elif kind in EVENT_TYPES:
-                event = True
-                t = time.stamp(word >> 22 & 0x3F)
-                yield Token(t, word >> 11 & 0x7FF, word & 0x7FF, time.known, True, end)
-            elif kind == TIME_HIGH:
-                time.load(word & ((1 << HIGH_BITS) - 1))
-            else:
-                _count_type(kind, counts)
-            if end and not event:
-                yield Token(0, 0, 0, False, False, True)
+class _Packed:
+    """An event in each word."""
+
+    bits = 64
+
+    def events(self, word, counts):
+        return [(word >> 32, word & 0xFFFF, word >> 16 & 0x7FFF, True)]
 
 
-def _packed(beats, counts):
-    for beat in beats:
-        if beat.keep == WHOLE:
-            word = beat.data
-            yield Token(word >> 32, word & 0xFFFF, word >> 16 & 0x7FFF, True, True, beat.last)
-            continue
-        counts["format_errors"] += beat.keep != 0
-        if beat.last:
-            yield Token(0, 0, 0, False, False, True)
-
-
-def _evt30(beats, counts):
+class _Evt3:
     """As :class:`cmfpga.events.evt.EvtDecoder` does it, whose times never step back."""
-    known, low, high, wraps, now, y, base = False, 0, 0, 0, 0, 0, 0
-    mask, half = (1 << TIME_BITS) - 1, 1 << (TIME_BITS - 1)
+
+    bits = 16
+
+    def __init__(self):
+        self.known, self.low, self.high, self.wraps, self.now, self.y, self.base = False, 0, 0, 0, 0, 0, 0
+
+    def events(self, word, counts):
+        columns, half = [], 1 << (TIME_BITS - 1)
+        kind, value = word >> TIME_BITS, word & ((1 << TIME_BITS) - 1)
+        if kind == TIME_HIGH:
+            self.wraps += self.known and value < self.high - half
+            counts["time_high_back"] += self.known and self.high - half <= value < self.high
+            self.low, self.high, self.known = self.low if value == self.high else 0, value, True
+        elif kind == Evt3.TIME_LOW:
+            self.low = value if self.known else 0
+        elif kind == Evt3.Y:
+            self.y = value & 0x7FF
+        elif kind in (Evt3.X, Evt3.BASE):
+            self.base, columns = value & 0x7FF, [value & 0x7FF] * (kind == Evt3.X)
+        elif kind in VECTORS:
+            columns = [self.base + bit for bit in range(VECTORS[kind]) if value >> bit & 1]
+            self.base = min(self.base + VECTORS[kind], LAST_COLUMN)
+        else:
+            counts["other_words" if kind in OTHER_TYPES_3 else "format_errors"] += 1
+        self.now = max(self.now, (self.wraps << TIME_BITS | self.high) << TIME_BITS | self.low)
+        return [(self.now, x, self.y, self.known) for x in columns]
+
+
+DECODERS = {"EVT21": partial(_Evt2, 64), "EVT20": partial(_Evt2, 32), "PACKED": _Packed, "EVT30": _Evt3}
+
+
+def _tokens(beats, decoder, counts):
+    size = decoder.bits // 8
+    whole = (1 << size) - 1
     for beat in beats:
-        final = max((k for k in range(4) if beat.keep >> 2 * k & 3), default=0)
-        for k in range(final + 1):
-            word, keep, found = beat.data >> 16 * k & 0xFFFF, beat.keep >> 2 * k & 3, []
-            kind, value = word >> TIME_BITS, word & mask
-            if keep != 3:
-                counts["format_errors"] += keep != 0
-            elif kind == TIME_HIGH:
-                wraps += known and value < high - half
-                counts["time_high_back"] += known and high - half <= value < high
-                low, high, known = low if value == high else 0, value, True
-            elif kind == Evt3.TIME_LOW:
-                low = value if known else 0
-            elif kind == Evt3.Y:
-                y = value & 0x7FF
-            elif kind in (Evt3.X, Evt3.BASE):
-                base, found = value & 0x7FF, [value & 0x7FF] * (kind == Evt3.X)
-            elif kind in VECTORS:
-                found = [base + bit for bit in range(VECTORS[kind]) if value >> bit & 1]
-                base = min(base + VECTORS[kind], LAST_COLUMN)
+        # Behind a beat's last byte there are no words; a beat without bytes has an end.
+        last = max((k for k in range(8 // size) if beat.keep >> size * k & whole), default=0)
+        for k in range(last + 1):
+            keep, end, found = beat.keep >> size * k & whole, beat.last and k == last, []
+            if keep == whole:
+                found = decoder.events(beat.data >> decoder.bits * k & ((1 << decoder.bits) - 1), counts)
             else:
-                counts["other_words" if kind in OTHER_TYPES_3 else "format_errors"] += 1
-            now = max(now, (wraps << TIME_BITS | high) << TIME_BITS | low)
-            end = beat.last and k == final
-            for x in found:
-                yield Token(now, x, y, known, True, end and x == found[-1])
+                counts["format_errors"] += keep != 0
+            for number, event in enumerate(found, 1):
+                yield Token(*event, True, end and number == len(found))
             if end and not found:
                 yield Token(0, 0, 0, False, False, True)
-
-
-DECODERS = {"EVT21": _evt21, "EVT20": _evt20, "PACKED": _packed, "EVT30": _evt30}
 
 
 def swap_beat(beat):
@@ -180,7 +152,8 @@ def decode(config, beats, form, *, swap=False):
     counts = Counter(format_errors=0, other_words=0, time_high_back=0)
     beats = map(swap_beat, beats) if swap else beats
     mask = (1 << config.time_bits) - 1
-    return [token._replace(t=token.t & mask) for token in DECODERS[form](beats, counts)], counts
+    tokens = _tokens(beats, DECODERS[form](), counts)
+    return [token._replace(t=token.t & mask) for token in tokens], counts
 
 
 def sensor_gate(config, tokens):

@@ -7,10 +7,20 @@ import warnings
 from pathlib import Path
 
 from amaranth.hdl import Elaboratable, UnusedElaboratable
+from amaranth.lib import wiring
 
 # Blocks that are asked for numbers or ports only, where their Verilog is in the cache, are not elaborated.
 _HERE = re.escape(str(Path(__file__).parents[1]))
 warnings.filterwarnings("ignore", category=UnusedElaboratable, module=_HERE)
+
+
+class Block(wiring.Component):
+    """A component with these members, most often of a configuration, which it keeps."""
+
+    def __init__(self, config=None, /, **members):
+        if config is not None:
+            self.config = config
+        super().__init__(members)
 
 
 @atexit.register

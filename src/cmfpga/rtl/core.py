@@ -1,25 +1,25 @@
 """The core: events in, velocity and a moving ROI out. One instance tracks one object."""
 
-from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import stream, wiring
+from amaranth.hdl import Mux, Signal
+from amaranth.lib import stream
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ..config.regions import check_one_region
 from ..protocol.flags import Flag
 from ..protocol.results import fields_of, thins
 from ..protocol.settings import by_signs
-from . import payloads
+from . import Block, payloads
 from .arithmetic import is_short
 from .ascent.roi_updater import RoiUpdater
-from .ingest import WRITES, connect_front, make_front
+from .ingest import connect_front, make_front, write_ports
 from .ingest.ingest_control import IngestControl
 from .ingest.reciprocal import Reciprocal
 from .ingest.roi_filter import RoiFilter
 from .ingest.thinner import Thinner
-from .iterating import Iterating
+from .iterating import Iterating, boxes_of
 
 
-class Core(Iterating, wiring.Component):
+class Core(Iterating, Block):
     """Contrast Maximization of batches of events::
 
         i ─► ingest control ─► filter ─► thinner ─► buffer ─► dither ─► scaler ─► warp ─► voter ─► image
@@ -91,10 +91,7 @@ class Core(Iterating, wiring.Component):
         for name, block in (("pixels", self.image), ("schedule_write", self.ascent)):
             if name in block.signature.members:
                 members[name] = block.signature.members[name]
-        for name, write in WRITES.items():
-            if name in self.front:
-                members[write] = self.front[name].signature.members["write"]
-        super().__init__(members)
+        super().__init__(**members, **write_ports(self.front))
 
     def _make_blocks(self):
         config = self.config
@@ -116,16 +113,13 @@ class Core(Iterating, wiring.Component):
     @property
     def boxes(self):
         """What stands directly in the core, by name, in the order of data flow."""
-        first = ("roi_filter", "thinner", "event_buffer", "reciprocal")
+        first = ("ingest_control", self.front, "roi_filter", "thinner", "event_buffer", "reciprocal", self.path.boxes)
         last = ("image", "gradient", "means", "ascent", "probe", "judge", "roi_updater", "iteration_control")
-        first, last = ({name: getattr(self, name) for name in names} for names in (first, last))
-        boxes = [{"ingest_control": self.ingest_control}, self.front, first, self.path.boxes, last]
-        return {name: block for part in boxes for name, block in part.items() if block is not None}
+        return boxes_of(self, *first, *last)
 
     def elaborate(self, platform):
-        m = Module()
+        m = self._with_boxes()
         batch = self.ingest_control.handover.batch
-        self._add_boxes(m)
         self._ingest(m)
         self._iterate(m, batch, self.reciprocal)
         self._scale(m, batch)

@@ -1,6 +1,6 @@
 """The iterating half of a core: everything from the event buffer to the verdict."""
 
-from amaranth.hdl import Mux, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib.wiring import connect, flipped
 
 from ..config.schedule import ScheduleEntry, used_events
@@ -14,6 +14,12 @@ from .image.event_path import EventPath
 from .ingest.event_buffer import EventBuffer
 from .iteration_control import IterationControl
 from .sliding.ring import Ring
+
+
+def boxes_of(core, *parts):
+    """``{name: block}`` of attributes by their names, and of dictionaries of blocks; without those that are None."""
+    named = [part if isinstance(part, dict) else {part: getattr(core, part)} for part in parts]
+    return {name: block for part in named for name, block in part.items() if block is not None}
 
 
 class Iterating:
@@ -105,10 +111,12 @@ class Iterating:
         probes = self.probe.count
         return f"Σ n_k + {probes}·n + (T + {probes})·{each} + {beside + self.judge_latency}"
 
-    def _add_boxes(self, m):
-        """Put the boxes into the module."""
+    def _with_boxes(self):
+        """A module with the boxes in it."""
+        m = Module()
         for name, block in self.boxes.items():
             m.submodules[name] = block
+        return m
 
     def _iterate(self, m, batch, reciprocal):
         """Replay while there is room, scale, warp, vote, sum; ``batch`` and ``reciprocal`` say how times are scaled."""
@@ -187,17 +195,18 @@ class Iterating:
         if not verdict:  # who decides elsewhere has all that it takes
             m.d.comb += control.judged.eq(1)
             return
-        judged = Signal(name="judged")
+        judged, slides = Signal(name="judged"), self.config.slides
         m.d.sync += judged.eq((judged | verdict.done) & ~control.run.take)
+        begin = self.means.done & control.run.final
         m.d.comb += [
-            verdict.begin.eq(self.means.done & control.run.final),
+            verdict.begin.eq(begin & control.wants_verdict if slides else begin),
             verdict.sum_i.eq(self.means.o.i),
             verdict.squares.eq(self.means.o_squares),
             verdict.curvature.eq(self.ascent.curvature),
             verdict.events.eq(events),
             verdict.limit.eq(control.run.settings.confidence_limit),
-            control.judged.eq(judged | verdict.done),
-            control.run.doubtful.eq(verdict.doubtful & control.run.settings.judge),
+            control.judged.eq(judged if slides else judged | verdict.done),
+            *([] if slides else [control.run.doubtful.eq(verdict.doubtful & control.run.settings.judge)]),
         ]
 
     def _probed(self, m):

@@ -1,16 +1,16 @@
 """Iteration control: runs the iterations of a batch, moves the ROI after them, hands the result out."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ..protocol.results import CYCLE_BITS
+from . import Block
 from .arithmetic import delay
 from .ascent.ascent import ascent_run
 from .ingest.ingest_control import handover
 
 
-class IterationControl(wiring.Component):
+class IterationControl(Block):
     """Runs what :class:`~cmfpga.rtl.ingest.ingest_control.IngestControl` hands over, in a state machine.
 
     IDLE, JUDGE
@@ -88,7 +88,6 @@ class IterationControl(wiring.Component):
     def __init__(self, config, *, replay_delay, move, settle, probe_delay=0):
         if replay_delay < 0:
             raise ValueError(f"the replay would have to start {-replay_delay} cycles before the last event is counted")
-        self.config = config
         self._replay_delay, self._move, self._settle = replay_delay, move, settle
         self._probe_delay = probe_delay
         self._probes = config.confidence and config.ascent_rule.evaluations == 1
@@ -96,17 +95,16 @@ class IterationControl(wiring.Component):
         if not self._probes:
             probes = {"judged": In(1)}
         super().__init__(
-            {
-                "handover": In(handover(config)),
-                "run": Out(ascent_run(config)),
-                **dict.fromkeys(("divide", "replay", "move"), Out(1)),
-                **dict.fromkeys(("divided", "complete"), In(1)),
-                "iterating": Out(1),
-                **(probes if config.confidence else {}),
-                "iterations": Out(config.widths.iteration_bits),
-                "cycles": Out(CYCLE_BITS),
-                "taken": In(1),
-            }
+            config,
+            handover=In(handover(config)),
+            run=Out(ascent_run(config)),
+            **dict.fromkeys(("divide", "replay", "move"), Out(1)),
+            **dict.fromkeys(("divided", "complete"), In(1)),
+            iterating=Out(1),
+            **(probes if config.confidence else {}),
+            iterations=Out(config.widths.iteration_bits),
+            cycles=Out(CYCLE_BITS),
+            taken=In(1),
         )
 
     def elaborate(self, platform):

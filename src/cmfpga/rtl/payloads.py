@@ -51,6 +51,17 @@ def shaped(shape):
     return data.StructLayout({name: shaped(part) for name, part in shape.items()})
 
 
+def _shaped(shape_of):
+    return lambda config: shaped(shape_of(config))
+
+
+sums = _shaped(sums_shape)  # over the ROI
+squares = _shaped(squares_shape)  # Σ I² over the ROI
+curvature = _shaped(curvature_shape)  # how far the gradient falls between the probes
+velocity = _shaped(velocity_shape)  # the parameters of the motion, raw; of a translation, px per half batch
+trace = _shaped(trace_shape)  # one iteration, for verification: the velocity that it used and its sums
+
+
 def flow(layout):
     """A stream that is never stalled: one item in every cycle in which ``valid`` is high."""
     return stream.Signature(layout, always_ready=True)
@@ -241,21 +252,6 @@ def of_width(width, fraction, signed=True):
     return Fixed(Q(width - fraction - int(signed), fraction, signed))
 
 
-def sums(config):
-    """Sums over the ROI."""
-    return shaped(sums_shape(config))
-
-
-def squares(config):
-    """Σ I² over the ROI."""
-    return shaped(squares_shape(config))
-
-
-def curvature(config):
-    """How far the gradient falls between the probes."""
-    return shaped(curvature_shape(config))
-
-
 def of_parameters(config, shape):
     """A number of this shape for each parameter of the motion."""
     return data.StructLayout(dict.fromkeys(config.motion_model.names, shape))
@@ -264,11 +260,6 @@ def of_parameters(config, shape):
 def gradient(config):
     """G = P·S − ΣI·ΣD of each parameter of the motion; S, where ΣD = 0."""
     return of_parameters(config, of_width(config.widths.g_bits, config.widths.s_frac))
-
-
-def velocity(config):
-    """The parameters of the motion, raw; of a translation, pixels per half batch, ``config.formats.v``."""
-    return shaped(velocity_shape(config))
 
 
 def roi_corner(config):
@@ -320,8 +311,3 @@ def result(config):
     without being counted.
     """
     return data.StructLayout({f.name: shaped(f.shape(config)) for f in fields_of("batch", "region", config=config)})
-
-
-def trace(config):
-    """One iteration, for verification: the velocity that it used and its sums."""
-    return shaped(trace_shape(config))

@@ -1,13 +1,13 @@
 """Memory words that are read, changed and written, one operation a cycle: with a three-entry forwarding buffer."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib import data, memory, stream
 from amaranth.lib.wiring import In, Out
 
-from . import payloads
+from . import Block, payloads
 
 
-class ReadModifyWrite(wiring.Component):
+class ReadModifyWrite(Block):
     """Memory words that change with what arrives, one address per cycle, the same address as often as it likes.
 
     Each member of ``word`` is a RAM of its own; all share the address and the forwarding buffer, which holds
@@ -44,7 +44,7 @@ class ReadModifyWrite(wiring.Component):
         self.word = word
         self.depth = depth
         self.operation = data.StructLayout({"address": range(max(2, depth)), "clear": 1, "add": add})
-        super().__init__({"i": In(stream.Signature(self.operation, always_ready=True)), "o": Out(payloads.flow(word))})
+        super().__init__(i=In(stream.Signature(self.operation, always_ready=True)), o=Out(payloads.flow(word)))
 
     def changed(self, name, before, operand):
         """``(value, statements)``: what a member becomes, and what has to be done, combinationally, for that."""

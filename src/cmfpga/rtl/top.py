@@ -24,15 +24,16 @@ def flatten(layout, prefix):
 class PlainPorts:
     """What turns a component's streams into ports, a field each (``event_x``, ``result_v_x`` …).
 
-    A class that inherits it and a component calls :meth:`_make_ports`.
-
     Attributes
     ----------
     inputs, outputs : dict of str to Signal
         The ports, in order, without clock and reset.
     """
 
-    def _make_ports(self, traces):
+    def __init__(self, config):
+        super().__init__(config)
+        own = getattr(self, "traces", None)  # each unit of hardware with regions has one
+        traces = {f"trace_{number}": trace for number, trace in enumerate(own)} if own else {"trace": self.trace}
         self._links = []  # (port, signal inside, is the port an input)
         self.inputs, self.outputs = {}, {}
         groups = {
@@ -80,25 +81,13 @@ class PlainPorts:
 class VerilogCore(PlainPorts, Core):
     """:class:`Core` with plain ports."""
 
-    def __init__(self, config):
-        super().__init__(config)
-        self._make_ports({"trace": self.trace})
-
 
 class VerilogRegions(PlainPorts, Regions):
     """:class:`~cmfpga.rtl.regions.regions.Regions` with plain ports; each unit has a trace of its own."""
 
-    def __init__(self, config):
-        super().__init__(config)
-        self._make_ports({f"trace_{number}": trace for number, trace in enumerate(self.traces)})
-
 
 class VerilogSliding(PlainPorts, SlidingCore):
     """:class:`~cmfpga.rtl.sliding.core.SlidingCore` with plain ports."""
-
-    def __init__(self, config):
-        super().__init__(config)
-        self._make_ports({"trace": self.trace})
 
 
 def verilog_top(config):

@@ -15,8 +15,8 @@ from ..reference.ingest import take_in
 from ..reference.integer.ascent import newton
 from ..reference.integer.core import IntegerCore, IntegerIteration
 from ..reference.integer.event_path import dither, time_scaler
+from ..reference.integer.image import warp
 from ..reference.integer.motion import basis, flow
-from ..reference.integer.warp import warp
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +195,7 @@ class BatchTrace:
         now = floating.evaluate(x, y, dt, self.v[k], level=level, **size)
         warped = (floating.at_level(axis, level).numpy() for axis in floating.warp(x, y, dt, self.v[k]))
         images = (image.numpy()[:rows, :columns] for image in (now.image, now.derivative_x, now.derivative_y))
-        pairs = ((now.sum_dx, now.sum_dy), (now.s_x, now.s_y), (now.g_x, now.g_y))
-        pairs = (np.array([float(axis) for axis in pair]) for pair in pairs)
+        pairs = (pair.numpy() for pair in (now.sum_d, now.s, now.g))
         found = self._step(k) if self._each > 1 else self.v[k + 1]
         log2_step = getattr(entry, "log2_step", None)
         return IterationTrace(self.v[k], found, level, log2_step, *warped, *images, float(now.sum_i), *pairs, raw=None)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config, preset
-from cmfpga.reference.integer.gradient import Sums, gradient
+from cmfpga.reference.integer.image import Sums, gradient
 from cmfpga.rtl.ascent.gradient import Gradient
 from support.bench import play
 from support.configs import CONFIGS

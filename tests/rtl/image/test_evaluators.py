@@ -7,10 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from cmfpga.config.schedule import DISTANCES
 from cmfpga.protocol.confidence import beside
-from cmfpga.reference.integer.accumulator import accumulator
-from cmfpga.reference.integer.gradient import gradient_reader
-from cmfpga.reference.integer.voter import voter
-from cmfpga.reference.integer.warp import warp
+from cmfpga.reference.integer.image import accumulator, gradient_reader, voter, warp
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image import evaluators, image_of, one_pass_gradient, one_pass_image
 from cmfpga.rtl.image.evaluators import Evaluators

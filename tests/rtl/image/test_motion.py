@@ -6,7 +6,7 @@ import torch
 
 from cmfpga.config import preset
 from cmfpga.reference.integer import motion as model
-from cmfpga.reference.integer.voter import Votes
+from cmfpga.reference.integer.image import Votes
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image.basis import Basis
 from cmfpga.rtl.image.flow import Flow

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmfpga.reference.integer.voter import voter
+from cmfpga.reference.integer.image import voter
 from cmfpga.rtl.image.voter import BilinearVoter
 from support.bench import GAPS, check_latency, flow_script, play
 from support.configs import CONFIGS, LEVELS

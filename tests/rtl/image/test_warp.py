@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from cmfpga.reference.integer.warp import warp
+from cmfpga.reference.integer.image import warp
 from cmfpga.rtl.image.warp import Warp
 from support.bench import GAPS, check_latency, flow_script, play
 from support.configs import CONFIGS, LEVELS

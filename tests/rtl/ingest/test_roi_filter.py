@@ -44,9 +44,9 @@ def check(config, batches, probability=0.0, seed=0):
     for (t, *_), end, model in zip(batches, ends, results, strict=True):
         got = {name: recording.watch[f"measured.{name}"][end] for name in COUNTERS}
         if len(t):
-            wanted = {name: getattr(model, name) for name in COUNTERS[:4]} | {"t_first": t[0]}
+            wanted = {name: model.counts[name] for name in COUNTERS[:4]} | {"t_first": t[0]}
             assert got == wanted
-            assert model.events == len(model.t) + got["outside"] + got["time_back"] + got["time_span"]
+            assert model.counts["events"] == len(model.t) + got["outside"] + got["time_back"] + got["time_span"]
         else:
             assert [got[name] for name in COUNTERS[:4]] == [0, 0, 0, 0]
     return results
@@ -83,13 +83,13 @@ def test_matches_model(name, gap, rng):
     ]  # fmt: skip
     results = check(config, batches, GAPS[gap])
     assert sum(len(model.t) for model in results) > 20
-    assert sum(model.time_back for model in results) > 5
-    assert name == "whole" or sum(model.outside for model in results) > 5
+    assert sum(model.counts["time_back"] for model in results) > 5
+    assert name == "whole" or sum(model.counts["outside"] for model in results) > 5
 
 
 def test_nothing_leaves_without_an_event():
     """An idle filter stays silent, from the first cycle."""
-    assert all(model.events == 0 for model in check(SHAPES["tiny"], [([], [], [], (0, 0))] * 3))
+    assert all(model.counts["events"] == 0 for model in check(SHAPES["tiny"], [([], [], [], (0, 0))] * 3))
 
 
 WRAP, LIMIT = 1 << 16, 1 << 12  # of "narrow"
@@ -117,8 +117,8 @@ def test_times(case):
     config = SHAPES[name]
     columns = (np.broadcast_to(axis, len(t)).tolist() for axis in (x, y))
     (model,) = check(config, [([at % (1 << config.time_bits) for at in t], *columns, (0, 0))])
-    assert (model.t.tolist(), model.span) == (passed, span)
-    assert (model.outside, model.time_back, model.time_span) == dropped
+    assert (model.t.tolist(), model.counts["span"]) == (passed, span)
+    assert tuple(model.counts[name] for name in ("outside", "time_back", "time_span")) == dropped
 
 
 @pytest.mark.parametrize("name", ["narrow", "odd", "tiny", "whole"])

@@ -69,7 +69,7 @@ def right_v(job):
         inside = (i >= 0) & (j >= 0) & (i < job.width / 2 - 1) & (j < job.height / 2 - 1)
         kept = x[inside], y[inside], dt[inside]
         now = floating.evaluate(*kept, v, width=job.width, height=job.height, level=LEVEL, border="whole")
-        return float(now.s_x), float(now.s_y)
+        return now.s.tolist()
 
     found = [gradient(one) for one in beside(job.v_start, BESIDE)]
     return [v + step for v, step in zip(job.v_start, float_core.newton_step(found, BESIDE, LIMIT), strict=True)]

@@ -63,7 +63,7 @@ def right_gradients(job, places):
     for v, level in places:
         at = floating.torch.tensor(v, dtype=floating.torch.float64)
         now = floating.evaluate(*scaled(job), at, width=job.width, height=job.height, level=level)
-        found.append((float(now.g_x) / pixels, float(now.g_y) / pixels))
+        found.append((now.g / pixels).tolist())
     return np.array(found)
 
 

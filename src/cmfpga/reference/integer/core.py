@@ -10,13 +10,10 @@ from ...protocol.flags import Flag
 from ...protocol.results import not_judged
 from ...protocol.trace import Trace
 from ..sequence import Sequence
-from .accumulator import Images, accumulator
 from .ascent import gain, lesser, newton, sign_updater, updater
 from .event_path import dither, time_scaler
-from .gradient import Sums, gradient, gradient_reader
+from .image import Images, Sums, accumulator, gradient, gradient_reader, voter, warp
 from .motion import basis, flow, moments
-from .voter import voter
-from .warp import warp
 
 
 def confidence(config, sums, last, probed, settings, n):

@@ -1,25 +1,26 @@
 """Model of :mod:`cmfpga.rtl.ingest.roi_filter`."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
+from ...fixed import round_half_up
 
-@dataclass(frozen=True)
-class Filtered:
+
+class Filtered(NamedTuple):
     """ROI events, relative to the batch's first event and the ROI's origin, and the count of every other."""
 
     t: torch.Tensor  # µs since the batch's first event
     x: torch.Tensor  # column in the ROI, event_frac
     y: torch.Tensor  # row in the ROI, event_frac
-    events: int
-    outside: int
-    time_back: int
-    time_span: int
-    hot: int
-    noise: int
-    span: int  # t_N − t_1, µs
+    counts: dict  # what is known of the batch, by the names of the fields of BatchResult
+
+
+def inside(config, x, y, corner, size):
+    """Whether the pixels nearest to raw positions are among ``size`` columns and rows from ``corner`` on: bool [n]."""
+    column, row = (round_half_up(axis, config.formats.event_frac) - at for axis, at in zip((x, y), corner, strict=True))
+    return (column >= 0) & (column < size[0]) & (row >= 0) & (row < size[1])
 
 
 def roi_filter(config, t, x, y, *, roi, size=None, hot=False, noise=False):
@@ -40,30 +41,28 @@ def roi_filter(config, t, x, y, *, roi, size=None, hot=False, noise=False):
     t, x, y = (np.asarray(a, np.int64) for a in (t, x, y))
     if not len(t):
         none = torch.zeros(0, dtype=torch.int64)
-        return Filtered(none, none, none, *[0] * 7)
+        names = ("events", "outside", "time_back", "time_span", "hot", "noise", "span")
+        return Filtered(none, none, none, {"t_first": None} | dict.fromkeys(names, 0))
     wrap, half = 1 << config.time_bits, 1 << (config.time_bits - 1)
     since_first = (t - t[0] + half) % wrap - half
     back, late, span = _time_errors(config, since_first)
-    frac = config.formats.event_frac
-    half = (1 << frac) >> 1
-    rx, ry = x - (roi[0] << frac), y - (roi[1] << frac)
-    column, row = (rx + half) >> frac, (ry + half) >> frac
-    width, height = size or (config.roi_width, config.roi_height)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    x, y = (axis - (at << config.formats.event_frac) for axis, at in zip((x, y), roi, strict=True))
+    here = inside(config, x, y, (0, 0), size or (config.roi_width, config.roi_height))
     timely = ~(back | late)
     hot, noise = (np.broadcast_to(mask, len(t)) for mask in (hot, noise))
     good = timely & ~(hot | noise)
-    stored = good & inside
-    return Filtered(
-        *(torch.from_numpy(a[stored]) for a in (since_first, rx, ry)),
-        events=len(t),
-        outside=int((good & ~inside).sum()),
-        time_back=int(back.sum()),
-        time_span=int(late.sum()),
-        hot=int((timely & hot).sum()),
-        noise=int((timely & noise & ~hot).sum()),
-        span=span,
-    )
+    stored = good & here
+    counts = {
+        "t_first": int(t[0]) % wrap,
+        "events": len(t),
+        "outside": int((good & ~here).sum()),
+        "time_back": int(back.sum()),
+        "time_span": int(late.sum()),
+        "hot": int((timely & hot).sum()),
+        "noise": int((timely & noise & ~hot).sum()),
+        "span": span,
+    }
+    return Filtered(*(torch.from_numpy(a[stored]) for a in (since_first, x, y)), counts)
 
 
 def _time_errors(config, since_first):

@@ -37,9 +37,11 @@ from ...protocol.flags import Flag
 from ...protocol.results import BatchResult, not_judged
 from ...protocol.settings import clamp_roi
 from ...protocol.trace import Trace
-from ..ingest import TakenIn
+from ..ingest import TakenIn, flags_of
+from ..sequence import move_within
 from .core import IntegerCore
 from .event_path import time_scaler
+from .roi_filter import inside
 
 _SCAN = 4096  # events that are looked at in one go, where time ends no hop
 
@@ -96,6 +98,7 @@ class Sliding:
     def run(self, t, x, y):
         """Take events in; yields a result for each hop that closes."""
         config, given, counts = self.config, self.settings, self._counts
+        size = config.roi_width, config.roi_height
         t, x, y = (np.asarray(axis, np.int64) for axis in (t, x, y))
         if not len(t):
             return
@@ -110,20 +113,20 @@ class Sliding:
         while at < len(t):
             stop = int(np.searchsorted(t, self._closed + given.hop_us)) if given.hop_us else len(t)
             last = min(stop, at + _SCAN, at + config.max_batch_events - counts["events"])
-            inside = at + np.flatnonzero(good[at:last] & self._inside(x[at:last], y[at:last]))
-            stored = inside[-self._thinned % given.thinning :: given.thinning]
+            here = at + np.flatnonzero(good[at:last] & inside(config, x[at:last], y[at:last], self.crop, size))
+            stored = here[-self._thinned % given.thinning :: given.thinning]
             room = given.hop_events - (self.end - self._last_end)
             full = len(stored) >= room
             if full:
                 stored, last = stored[:room], int(stored[room - 1]) + 1
-                inside = inside[: np.searchsorted(inside, last)]
-            self._thinned = (self._thinned + len(inside)) % given.thinning
+                here = here[: np.searchsorted(here, last)]
+            self._thinned = (self._thinned + len(here)) % given.thinning
             part = slice(at, last)
             for name, which in lost.items():
                 counts[name] += int(which[part].sum())
             counts["events"] += last - at
-            counts["outside"] += int(good[part].sum()) - len(inside)
-            counts["thinned"] += len(inside) - len(stored)
+            counts["outside"] += int(good[part].sum()) - len(here)
+            counts["thinned"] += len(here) - len(stored)
             self.end += len(stored)
             self.window = tuple(
                 np.concatenate([kept, axis[stored]]) for kept, axis in zip(self.window, (t, x, y), strict=True)
@@ -147,12 +150,6 @@ class Sliding:
         self._latest = int(latest[-1])
         return latest, times < latest
 
-    def _inside(self, x, y):
-        frac, size = self.config.formats.event_frac, (self.config.roi_width, self.config.roi_height)
-        half = (1 << frac) >> 1
-        at = ((axis + half >> frac) - corner for axis, corner in zip((x, y), self.crop, strict=True))
-        return np.logical_and(*((axis >= 0) & (axis < most) for axis, most in zip(at, size, strict=True)))
-
     def _close(self, now):
         """Evaluate the window that ends here, and begin the next hop."""
         config, given, step = self.config, self.settings, now - self._closed
@@ -172,7 +169,9 @@ class Sliding:
         trace = Trace.without_iterations(config, self.core.v)
         if self._followed:
             follows = given.follow and not cold
-            unit = int(saturate(self._ahead(t_first) if follows else span, 1, (1 << config.span_bits) - 1))
+            if follows:  # the window's range, if its hop takes as long as the last one
+                span = self._step + (self._closed - t_first if self.begin < self._last_end else 0)
+            unit = int(saturate(span, 1, (1 << config.span_bits) - 1))
             plan = given.follow if follows else given.cold if cold else given.warm
             if cold:
                 self.core.v = tuple(given.v_start)
@@ -188,8 +187,7 @@ class Sliding:
             flags |= self._move(t_first, unit, cold)
         else:
             flags |= Flag.DEGENERATE
-        for name in ("time_back", "thinned"):
-            flags |= Flag[name.upper()] if self._counts[name] else Flag(0)
+        flags |= flags_of(self._counts, Flag.TIME_BACK, Flag.THINNED)
         result = BatchResult(
             t_first=t_first % (1 << config.time_bits) if self._followed else None,
             span=unit,
@@ -219,20 +217,14 @@ class Sliding:
         self._begin_hop(now, stale)
         return result
 
-    def _ahead(self, t_first):
-        """The range of the window, if its hop takes as long as the last one."""
-        return self._step + (self._closed - t_first if self.begin < self._last_end else 0)
-
     def _ascend(self, plan, unit, corner):
         """``(trace, flags, fields, late)`` of these rounds or iterations, from the core's v on."""
         t, x, y = self.window
-        frac, n = self.config.formats.event_frac, len(t)
+        frac = self.config.formats.event_frac
         batch = TakenIn(
             torch.from_numpy(t - t[0]),
             *(torch.from_numpy(axis - (at << frac)) for axis, at in zip((x, y), corner, strict=True)),
-            {"span": unit, "roi_events": n},
-            Flag(0),
-            None,
+            {"span": unit, "roi_events": len(t)},
             phase=self.begin - self._origin,
         )
         return *self.core.ascend(batch, self.settings, plan, corner), int((t - t[0] > unit).sum())
@@ -245,20 +237,15 @@ class Sliding:
         if not self.settings.roi_gain:
             return Flag(0)
         start = tuple(axis << self._frac for axis in self.crop) if cold else self._corner
-        target = tuple(at - v * since for at, v in zip(start, self.core.v, strict=True))
-        self._corner = tuple(int(saturate(at, 0, most)) for at, most in zip(target, self._limits, strict=True))
+        self._corner, stopped = move_within(start, tuple(-v * since for v in self.core.v), self._limits)
         ahead = tuple(at + (v << shift) for at, v in zip(self._corner, self.core.v, strict=True))
         self._next_crop, limited = self._whole(ahead)
-        return Flag.ROI_CLAMPED if limited or self._corner != target else Flag(0)
+        return Flag.ROI_CLAMPED if limited or stopped else Flag(0)
 
     def _whole(self, position):
         """The nearest corner on the sensor, px, and whether it was limited."""
         rounded = tuple(round_half_up(axis, self._frac) for axis in position)
-        limited = tuple(
-            int(saturate(axis, 0, floor_shift(most, self._frac)))
-            for axis, most in zip(rounded, self._limits, strict=True)
-        )
-        return limited, limited != rounded
+        return move_within(rounded, (0, 0), tuple(floor_shift(most, self._frac) for most in self._limits))
 
     def _begin_hop(self, now, stale):
         given, times = self.settings, self.window[0]

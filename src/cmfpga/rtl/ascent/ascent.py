@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from ...protocol.settings import PLANS
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 from .velocity import Velocity
 
@@ -45,7 +45,7 @@ def ascent_run(config):
     )
 
 
-class Ascent(wiring.Component):
+class Ascent(Block):
     """A way to move v. Each is a subclass, listed in :data:`cmfpga.rtl.ascent.ASCENTS`.
 
     Parameters
@@ -83,22 +83,20 @@ class Ascent(wiring.Component):
     """
 
     def __init__(self, config, *, target_bits, members=None):
-        self.config = config
         layout, self._probes = payloads.velocity(config), config.confidence and config.ascent_rule.evaluations == 1
         probed = {"probe": In(payloads.flow(layout)), "warped": Out(layout)} if self._probes else {}
         probed |= {"restarted": Out(1)} if config.confidence else {}
         self.velocity = Velocity(layout, target_bits=target_bits, probes=bool(self._probes), holds=config.slides)
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.gradient(config))),
-                "run": In(ascent_run(config)),
-                "v": Out(payloads.velocity(config)),
-                "level": Out(bits_for(config.max_level)),
-                "saturated": Out(1),
-                "limited": Out(1),
-                **probed,
-                **(members or {}),
-            }
+            config,
+            i=In(payloads.flow(payloads.gradient(config))),
+            run=In(ascent_run(config)),
+            v=Out(payloads.velocity(config)),
+            level=Out(bits_for(config.max_level)),
+            saturated=Out(1),
+            limited=Out(1),
+            **probed,
+            **(members or {}),
         )
 
     @property

@@ -1,14 +1,13 @@
 """Gradient: joins the sums into G, whose sign and size are those of the contrast's slope."""
 
 from amaranth.hdl import Const, Module, Mux, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, wide_product
 
 
-class Gradient(wiring.Component):
+class Gradient(Block):
     """G = P·S − ΣI·ΣD for each parameter of v, exactly: ∂C/∂v = 2·G/P² (Eq. C_v_x with the means multiplied out).
 
     Every gradient architecture ends here. ΣI·ΣD is ready when S arrives, because its factors are final ``lead``
@@ -43,9 +42,7 @@ class Gradient(wiring.Component):
         self.latency = 0 if self._is_shift(config.geometry.pixels) else self.lead
         if not self._rounds:
             self.latency = 0 if config.motion_model.basis else 1 + self.latency
-        super().__init__(
-            {"i": In(payloads.flow(payloads.sums(config))), "o": Out(payloads.flow(payloads.gradient(config)))}
-        )
+        super().__init__(i=In(payloads.flow(payloads.sums(config))), o=Out(payloads.flow(payloads.gradient(config))))
 
     def elaborate(self, platform):
         config = self.config

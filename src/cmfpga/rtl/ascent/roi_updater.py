@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import round_half_up
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, saturate
 
 
@@ -26,7 +26,7 @@ def corner(config):
     return wiring.Signature({"roi": Out(where), "roi_next": Out(where), "clamped": Out(1)})
 
 
-class RoiUpdater(wiring.Component):
+class RoiUpdater(Block):
     """position ← position + roi_gain·v, limited to the sensor (Eq. roi_update of the article, whose gain is 1).
 
     The position keeps all fraction bits, so that slow motion adds up; ``roi`` is it rounded to whole pixels.
@@ -57,18 +57,16 @@ class RoiUpdater(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         self.latency = config.formats.roi_gain.width + 3 + (config.buffers == 2)
         self.settle = self.latency + 2
         super().__init__(
-            {
-                **dict.fromkeys(("new_batch", "load", "move", "still"), In(1)),
-                "x": In(config.geometry.x_bits),
-                "y": In(config.geometry.y_bits),
-                "v": In(payloads.velocity(config)),
-                "roi_gain": In(payloads.Fixed(config.formats.roi_gain)),
-                "corner": Out(corner(config)),
-            }
+            config,
+            **dict.fromkeys(("new_batch", "load", "move", "still"), In(1)),
+            x=In(config.geometry.x_bits),
+            y=In(config.geometry.y_bits),
+            v=In(payloads.velocity(config)),
+            roi_gain=In(payloads.Fixed(config.formats.roi_gain)),
+            corner=Out(corner(config)),
         )
 
     def elaborate(self, platform):

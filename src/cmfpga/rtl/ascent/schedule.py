@@ -4,18 +4,18 @@ from functools import reduce
 from operator import or_
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import memory, wiring
+from amaranth.lib import memory
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ...protocol.settings import PLANS, schedule_highest
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, select
 from .ascent import Ascent
 
 _PART = "first", "count"  # of a table
 
 
-class Schedule(wiring.Component):
+class Schedule(Block):
     """Walks through a part of a table that is written at run time.
 
     The first entry is at ``level`` and ``shift`` a cycle after ``start``, the next one a cycle after ``advance``.
@@ -47,16 +47,14 @@ class Schedule(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         entry = payloads.schedule_entry(config)
         super().__init__(
-            {
-                "write": In(payloads.flow(payloads.schedule_write(config))),
-                **dict.fromkeys(("new_batch", "start", "advance", *(("hold",) if config.confidence else ())), In(1)),
-                "first": In(range(config.schedule_entries)),
-                **{name: Out(part.shape) for name, part in entry},
-                "limited": Out(1),
-            }
+            config,
+            write=In(payloads.flow(payloads.schedule_write(config))),
+            **dict.fromkeys(("new_batch", "start", "advance", *(("hold",) if config.confidence else ())), In(1)),
+            first=In(range(config.schedule_entries)),
+            **{name: Out(part.shape) for name, part in entry},
+            limited=Out(1),
         )
 
     def elaborate(self, platform):

@@ -1,14 +1,15 @@
 """Velocity: holds v, and limits it to its format."""
 
 from amaranth.hdl import Module, signed
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
+from .. import Block
 from ..arithmetic import saturate
 from ..payloads import flow
 
 
-class Velocity(wiring.Component):
+class Velocity(Block):
     """The parameters of the motion: loaded when a batch begins, moved to a target in every iteration.
 
     ``v`` changes, and ``moved`` is high, :attr:`latency` cycle after ``move``.
@@ -53,16 +54,14 @@ class Velocity(wiring.Component):
     def __init__(self, layout, *, target_bits, probes=False, holds=False):
         targets = {name: signed(target_bits or shape.q.width) for name, shape in layout.members.items()}
         super().__init__(
-            {
-                **dict.fromkeys(("new_batch", "load", "move", "clipped"), In(1)),
-                "start": In(layout),
-                "target": In(data.StructLayout(targets)),
-                "v": Out(layout),
-                "moved": Out(1),
-                "saturated": Out(1),
-                **({"probe": In(flow(layout)), "warped": Out(layout)} if probes else {}),
-                **({"hold": In(1)} if holds else {}),
-            }
+            **dict.fromkeys(("new_batch", "load", "move", "clipped"), In(1)),
+            start=In(layout),
+            target=In(data.StructLayout(targets)),
+            v=Out(layout),
+            moved=Out(1),
+            saturated=Out(1),
+            **({"probe": In(flow(layout)), "warped": Out(layout)} if probes else {}),
+            **({"hold": In(1)} if holds else {}),
         )
 
     def elaborate(self, platform):

@@ -1,10 +1,11 @@
 """AXI4-Lite slave: one write and one read at a time, both answered with OKAY."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, stream
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.registers.declaration import ADDRESS_BITS
+from .. import Block
 from ..shell.payloads import register_bus
 
 #: Payloads of the channels. The third member of the address channels, ``prot``, is of no use here.
@@ -20,7 +21,7 @@ CHANNELS = {
 }
 
 
-class LiteSlave(wiring.Component):
+class LiteSlave(Block):
     """Turns AXI4-Lite transfers into writes and reads of registers.
 
     Address and data of a write may come in any order. A write takes effect in the cycle after both have come, its
@@ -46,11 +47,9 @@ class LiteSlave(wiring.Component):
     def __init__(self, size, nowhere):
         self._size, self._nowhere = size, nowhere
         super().__init__(
-            {
-                **{name: In(stream.Signature(CHANNELS[name])) for name in ("aw", "w", "ar")},
-                **{name: Out(stream.Signature(CHANNELS[name])) for name in ("b", "r")},
-                "bus": Out(register_bus()),
-            }
+            **{name: In(stream.Signature(CHANNELS[name])) for name in ("aw", "w", "ar")},
+            **{name: Out(stream.Signature(CHANNELS[name])) for name in ("b", "r")},
+            bus=Out(register_bus()),
         )
 
     def elaborate(self, platform):

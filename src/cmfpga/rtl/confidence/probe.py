@@ -1,15 +1,14 @@
 """What tells how sure v is of motions beyond translation: velocities beside v, and how much the image loses there."""
 
 from amaranth.hdl import Module, Mux, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, select
 
 
-class Probe(wiring.Component):
+class Probe(Block):
     """Has events warped by v with one parameter after the other ¾ px nearer to 0; v itself stays.
 
     For motions beyond translation, whose iterations evaluate nothing but v.
@@ -48,19 +47,17 @@ class Probe(wiring.Component):
     latency = 3
 
     def __init__(self, config):
-        self.config = config
         self.count = len(config.motion_model.names)
         super().__init__(
-            {
-                **dict.fromkeys(("new_batch", "iterating", "begin", "complete"), In(1)),
-                "v": In(payloads.velocity(config)),
-                "sums": In(payloads.flow(payloads.sums(config))),
-                "squares": In(payloads.squares(config)),
-                "o": Out(payloads.flow(payloads.velocity(config))),
-                "more": Out(1),
-                "last": Out(payloads.sums(config)),
-                "last_squares": Out(payloads.squares(config)),
-            }
+            config,
+            **dict.fromkeys(("new_batch", "iterating", "begin", "complete"), In(1)),
+            v=In(payloads.velocity(config)),
+            sums=In(payloads.flow(payloads.sums(config))),
+            squares=In(payloads.squares(config)),
+            o=Out(payloads.flow(payloads.velocity(config))),
+            more=Out(1),
+            last=Out(payloads.sums(config)),
+            last_squares=Out(payloads.squares(config)),
         )
 
     def elaborate(self, platform):
@@ -81,7 +78,7 @@ class Probe(wiring.Component):
         return m
 
 
-class LeastJudge(wiring.Component):
+class LeastJudge(Block):
     """The comparison of :func:`cmfpga.protocol.confidence.is_sharp`, a bit of n and R a cycle: no multiplier.
 
     It finds the parameter along which the gradient falls the least as the probes come, one for each parameter; then it
@@ -115,22 +112,20 @@ class LeastJudge(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         self._factor_bits = max(bits_for(config.buffer_events), config.widths.limit_bits)
         self.latency = 4 + self._factor_bits  # subtract, compare, a bit of the factors each, add, say
         super().__init__(
-            {
-                "new_batch": In(1),
-                "i": In(payloads.flow(payloads.gradient(config))),
-                "v": In(payloads.velocity(config)),
-                "last": In(payloads.sums(config)),
-                "squares": In(payloads.squares(config)),
-                "events": In(bits_for(config.buffer_events)),
-                "limit": In(config.widths.limit_bits),
-                "curvature": Out(payloads.curvature(config)),
-                "done": Out(1),
-                "doubtful": Out(1),
-            }
+            config,
+            new_batch=In(1),
+            i=In(payloads.flow(payloads.gradient(config))),
+            v=In(payloads.velocity(config)),
+            last=In(payloads.sums(config)),
+            squares=In(payloads.squares(config)),
+            events=In(bits_for(config.buffer_events)),
+            limit=In(config.widths.limit_bits),
+            curvature=Out(payloads.curvature(config)),
+            done=Out(1),
+            doubtful=Out(1),
         )
 
     def elaborate(self, platform):

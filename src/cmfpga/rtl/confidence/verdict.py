@@ -1,15 +1,14 @@
 """Means of a round's evaluations, and the verdict: whether the contrast's peak is sharp enough for v to be trusted."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import PIECE, delay, select
 
 
-class Means(wiring.Component):
+class Means(Block):
     """ΣI, S and Σ I², added up over the four evaluations of a round, then divided by four, rounded down. ΣD is 0.
 
     Members
@@ -28,16 +27,14 @@ class Means(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         sums, squares = payloads.sums(config), payloads.squares(config) if config.confidence else None
         super().__init__(
-            {
-                "new_batch": In(1),
-                "i": In(payloads.flow(sums)),
-                "done": Out(1),
-                "o": Out(sums),
-                **({"squares": In(squares), "o_squares": Out(squares)} if config.confidence else {}),
-            }
+            config,
+            new_batch=In(1),
+            i=In(payloads.flow(sums)),
+            done=Out(1),
+            o=Out(sums),
+            **({"squares": In(squares), "o_squares": Out(squares)} if config.confidence else {}),
         )
 
     def elaborate(self, platform):
@@ -63,7 +60,7 @@ class Means(wiring.Component):
 NOTHING, SUM, SHIFTED = range(3)
 
 
-class Verdict(wiring.Component):
+class Verdict(Block):
     """The comparison of :func:`cmfpga.protocol.confidence.is_trusted`, by one multiplier.
 
     It
@@ -95,19 +92,17 @@ class Verdict(wiring.Component):
     _first = 2
 
     def __init__(self, config):
-        self.config = config
         widths = config.widths
         super().__init__(
-            {
-                "begin": In(1),
-                "sum_i": In(payloads.sums(config)["i"].shape),
-                "squares": In(payloads.squares(config)),
-                "curvature": In(payloads.curvature(config)),
-                "events": In(bits_for(config.buffer_events)),
-                "limit": In(widths.limit_bits),
-                "done": Out(1),
-                "doubtful": Out(1),
-            }
+            config,
+            begin=In(1),
+            sum_i=In(payloads.sums(config)["i"].shape),
+            squares=In(payloads.squares(config)),
+            curvature=In(payloads.curvature(config)),
+            events=In(bits_for(config.buffer_events)),
+            limit=In(widths.limit_bits),
+            done=Out(1),
+            doubtful=Out(1),
         )
         drop = widths.curvature_bits - widths.kept_bits
         self._fours = drop // 4

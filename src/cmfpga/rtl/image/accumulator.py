@@ -1,14 +1,14 @@
 """12-bank accumulator: images whose words grow."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
-from .. import payloads
+from .. import Block, payloads
 from ..read_modify_write import ReadAddWrite
 
 
-class Accumulator(wiring.Component):
+class Accumulator(Block):
     """Sums votes into the images I, Dx and Dy, each spread over four banks by the parity of column and row.
 
     All twelve contributions of an event are written in one cycle. A sweep uses the same path as a vote: it reads
@@ -29,13 +29,11 @@ class Accumulator(wiring.Component):
     latency = ReadAddWrite.latency
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.votes(config))),
-                "sweep": In(payloads.flow(payloads.sweep_address(config))),
-                "o": Out(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4))),
-            }
+            config,
+            i=In(payloads.flow(payloads.votes(config))),
+            sweep=In(payloads.flow(payloads.sweep_address(config))),
+            o=Out(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4))),
         )
 
     def elaborate(self, platform):

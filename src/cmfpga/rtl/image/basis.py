@@ -1,16 +1,15 @@
 """Basis: what a motion beyond translation makes of an event's position, before its velocity is known."""
 
 from amaranth.hdl import Const, Module, Signal
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import floor_shift, round_half_up
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, saturate
 from .time_scaler import TimeScaler
 
 
-class Basis(wiring.Component):
+class Basis(Block):
     """p and q, an event's distance from the centre; and for a rotation xx, xy and yy, its products in focal lengths.
 
     The centre is that of the ROI, or of a region in it, or for a rotation the camera's principal point. It stands
@@ -39,13 +38,12 @@ class Basis(wiring.Component):
     latency = TimeScaler.latency
 
     def __init__(self, config):
-        self.config = config
         event, settings = payloads.dithered_event(config).members, payloads.settings(config).members
         camera = {name: In(settings[name]) for name in ("centre", "curve") if name in settings}
         if camera:
             camera["corner"] = In(payloads.roi_corner(config))
         places = {"x": In(event["x"]), "y": In(event["y"]), **camera, **payloads.with_middle(config, In)}
-        super().__init__({**places, "o": Out(payloads.basis(config))})
+        super().__init__(config, **places, o=Out(payloads.basis(config)))
 
     def elaborate(self, platform):
         config, motion = self.config, self.config.motion_model

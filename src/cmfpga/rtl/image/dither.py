@@ -1,16 +1,15 @@
 """Dither: moves each event by a sub-pixel offset of its own."""
 
 from amaranth.hdl import Cat, Const, Module, Signal
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...config.dither import DITHER_BITS, FACTORS
 from ...config.schedule import STRIDES
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, select
 
 
-class Dither(wiring.Component):
+class Dither(Block):
     """Adds frac((k + ½)·α) − ½ to column and row of the k-th stored event (:mod:`cmfpga.config.dither`).
 
     Events sit on whole pixels, which makes v = 0 a peak of the contrast whatever the motion is; the offsets remove it.
@@ -36,14 +35,12 @@ class Dither(wiring.Component):
     latency = 2
 
     def __init__(self, config):
-        self.config = config
         subset = {"started": In(1), "subset": In(payloads.subset(config))}
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.replayed_event(config))),
-                "o": Out(payloads.flow(payloads.dithered_event(config))),
-                **(subset if config.ascent_rule.strides else {}),
-            }
+            config,
+            i=In(payloads.flow(payloads.replayed_event(config))),
+            o=Out(payloads.flow(payloads.dithered_event(config))),
+            **(subset if config.ascent_rule.strides else {}),
         )
 
     def elaborate(self, platform):

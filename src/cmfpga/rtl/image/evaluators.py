@@ -6,13 +6,13 @@ from amaranth.lib.wiring import In, Out, connect
 
 from ...config.schedule import DISTANCES
 from ...fixed import bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, select
 from .voter import BilinearVoter
 from .warp import of_level, start_of
 
 
-class Evaluators(wiring.Component):
+class Evaluators(Block):
     """Warps each event by c − h·e_x, c + h·e_x, c − h·e_y and c + h·e_y, and votes for each; no format limits these.
 
     Both products dt·c are made once. The four positions differ from x − dt·c by 0 or ±dt·h, and h is one of five
@@ -50,18 +50,16 @@ class Evaluators(wiring.Component):
     """
 
     def __init__(self, config, event=None):
-        self.config = config
         self.voters = [BilinearVoter(config) for _ in range(config.evaluators)]
         self._moving = (5 if config.max_level else 4) + (config.evaluators == 1)
         self.latency = self._moving + BilinearVoter.latency
         super().__init__(
-            {
-                "i": In(payloads.flow(event or payloads.scaled_event(config))),
-                "centre": In(payloads.velocity(config)),
-                "distance": In(payloads.distance(config)),
-                "level": In(bits_for(config.max_level)),
-                "o": Out(payloads.flow(payloads.votes(config))).array(config.evaluators),
-            }
+            config,
+            i=In(payloads.flow(event or payloads.scaled_event(config))),
+            centre=In(payloads.velocity(config)),
+            distance=In(payloads.distance(config)),
+            level=In(bits_for(config.max_level)),
+            o=Out(payloads.flow(payloads.votes(config))).array(config.evaluators),
         )
 
     def elaborate(self, platform):

@@ -1,15 +1,14 @@
 """Flow: how far each event moves, in a motion beyond translation."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import round_half_up
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 
 
-class Flow(wiring.Component):
+class Flow(Block):
     """u = v + Σ v_p·b_p along x and y, rounded to ``v_frac`` bits (:attr:`cmfpga.config.motion.MotionModel.terms`).
 
     A multiplier for each term: four in a similarity, six in a rotation. One event per cycle; latency :attr:`latency`
@@ -30,13 +29,11 @@ class Flow(wiring.Component):
     latency = 2
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "basis": In(payloads.basis(config)),
-                "v": In(payloads.velocity(config)),
-                "o": Out(payloads.displacement(config)),
-            }
+            config,
+            basis=In(payloads.basis(config)),
+            v=In(payloads.velocity(config)),
+            o=Out(payloads.displacement(config)),
         )
 
     def elaborate(self, platform):

@@ -1,14 +1,14 @@
 """Gradient reader: sweeps the images, sums them and their products, and leaves zeros behind."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import accumulate, delay, wide_product
 
 
-class GradientReader(wiring.Component):
+class GradientReader(Block):
     """Sweeps all banks at once, P/4 addresses, and computes ΣI, ΣDx, ΣDy, Σ I·Dx and Σ I·Dy exactly.
 
     The first address leaves in the cycle of ``start``; the sums are valid :attr:`latency` cycles after the last
@@ -32,16 +32,14 @@ class GradientReader(wiring.Component):
     _stages = lead + 2
 
     def __init__(self, config, *, accumulator_latency):
-        self.config = config
         self.accumulator_latency = accumulator_latency
         self.latency = accumulator_latency + self._stages
         super().__init__(
-            {
-                "start": In(1),
-                "sweep": Out(payloads.flow(payloads.sweep_address(config))),
-                "i": In(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4))),
-                "o": Out(payloads.flow(payloads.sums(config))),
-            }
+            config,
+            start=In(1),
+            sweep=Out(payloads.flow(payloads.sweep_address(config))),
+            i=In(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4))),
+            o=Out(payloads.flow(payloads.sums(config))),
         )
 
     def elaborate(self, platform):

@@ -1,12 +1,12 @@
 """The seam between the voter and the gradient: whatever sums an iteration's votes."""
 
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
-from .. import payloads
+from .. import Block, payloads
 
 
-class ImageSums(wiring.Component):
+class ImageSums(Block):
     """A way to sum an iteration's votes. Each is a subclass, listed in :data:`cmfpga.rtl.image.IMAGES`.
 
     Votes cannot be stalled. Where an image is short of room it says so early, and the event buffer waits.
@@ -74,7 +74,7 @@ class ImageSums(wiring.Component):
             members["squares"] = Out(payloads.squares(config))
         if pixels:
             members["pixels"] = Out(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4)))
-        super().__init__(members)
+        super().__init__(**members)
 
     @property
     def blocks(self):

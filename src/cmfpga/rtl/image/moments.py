@@ -1,15 +1,15 @@
 """Moments: the gradient by each parameter of a motion beyond translation."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, select
 
 
-class Moments(wiring.Component):
+class Moments(Block):
     """S_p = Σ b_p·(what an event adds to Σ I·D), over both axes and all events.
 
     The sum of a parameter is that of the increments that :class:`~.one_pass_gradient.OnePassGradient` has in hand, each
@@ -46,20 +46,18 @@ class Moments(wiring.Component):
     latency = 3
 
     def __init__(self, config, growth):
-        self.config = config
         far = {}
         if config.motion_model.of_pixels:
             line = data.StructLayout({"p": growth, "q": growth})
             far = {"far": In(data.StructLayout({"x": line, "y": line})), "level": In(bits_for(config.max_level))}
         super().__init__(
-            {
-                **far,
-                "growth_x": In(growth),
-                "growth_y": In(growth),
-                "basis": In(payloads.basis(config)),
-                "begin": In(1),
-                "o": Out(payloads.moments(config)),
-            }
+            config,
+            **far,
+            growth_x=In(growth),
+            growth_y=In(growth),
+            basis=In(payloads.basis(config)),
+            begin=In(1),
+            o=Out(payloads.moments(config)),
         )
 
     def elaborate(self, platform):

@@ -4,15 +4,15 @@ from functools import reduce
 from operator import or_
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import PIECE, delay
 from .moments import Moments
 
 
-class OnePassGradient(wiring.Component):
+class OnePassGradient(Block):
     """ΣI, ΣDx, ΣDy, Σ I·Dx and Σ I·Dy, complete when the last vote has landed: no sweep.
 
     When a pixel goes from (I, D) to (I + w, D + d), Σ I·D grows by I·d + w·(D + d); the accumulator has all of these in
@@ -49,7 +49,6 @@ class OnePassGradient(wiring.Component):
     """
 
     def __init__(self, config, *, accumulator_latency):
-        self.config = config
         self.accumulator_latency = accumulator_latency
         self._turns = 1 << config.geometry.turn_bits
         # Among four images wires are long: what is multiplied waits for a cycle, in the multipliers' own registers; and
@@ -63,12 +62,11 @@ class OnePassGradient(wiring.Component):
         #: Cycles by which the plain sums, which take two, are final before the sums of products.
         self.lead = self.latency - 2
         super().__init__(
-            {
-                "votes": In(payloads.flow(payloads.votes(config))),
-                "steps": In(data.ArrayLayout(payloads.tagged_step(config), 4)),
-                "o": Out(payloads.flow(payloads.sums(config))),
-                **({"squares": Out(payloads.squares(config))} if config.confidence else {}),
-            }
+            config,
+            votes=In(payloads.flow(payloads.votes(config))),
+            steps=In(data.ArrayLayout(payloads.tagged_step(config), 4)),
+            o=Out(payloads.flow(payloads.sums(config))),
+            **({"squares": Out(payloads.squares(config))} if config.confidence else {}),
         )
 
     def elaborate(self, platform):

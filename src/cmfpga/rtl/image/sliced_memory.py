@@ -1,9 +1,11 @@
 """Deep memory of wide words: side by side in memories of few bits, each of which is one RAM."""
 
 from amaranth.hdl import Module, Value
-from amaranth.lib import memory, wiring
+from amaranth.lib import memory
 from amaranth.lib.wiring import Out
 from amaranth.utils import ceil_log2
+
+from .. import Block
 
 #: Bits of each word in one memory of up to 4,096 words: so many are a block RAM of 16 kibit, whatever the vendor. Where
 #: ``ram_style`` asks for block RAMs, by the name that UltraScale has for them, one of its 36 kbit.
@@ -18,7 +20,7 @@ def slices(bits, depth, style="auto"):
     return {f"ram_{low}": (low, min(low + width, bits)) for low in range(0, bits, width)}
 
 
-class SlicedMemory(wiring.Component):
+class SlicedMemory(Block):
     """A memory as :class:`amaranth.lib.memory.Memory`, without contents, with one port to read and one to write.
 
     Left to itself, synthesis may take fewer RAMs, on top of one another. Then a multiplexer follows them, and the
@@ -42,9 +44,7 @@ class SlicedMemory(wiring.Component):
     def __init__(self, shape, depth, attrs):
         self._depth, self._attrs = depth, attrs
         ports = {"addr_width": ceil_log2(depth), "shape": shape}
-        super().__init__(
-            {"read": Out(memory.ReadPort.Signature(**ports)), "write": Out(memory.WritePort.Signature(**ports))}
-        )
+        super().__init__(read=Out(memory.ReadPort.Signature(**ports)), write=Out(memory.WritePort.Signature(**ports)))
 
     def elaborate(self, platform):
         m = Module()

@@ -1,14 +1,14 @@
 """Tagged accumulator: four banks of wide words that never need clearing between iterations."""
 
 from amaranth.hdl import Const, Module, Mux, Signal
-from amaranth.lib import data, memory, wiring
+from amaranth.lib import data, memory
 from amaranth.lib.wiring import In, Out
 
-from .. import payloads
+from .. import Block, payloads
 from .sliced_memory import SHALLOW, SlicedMemory
 
 
-class TaggedBank(wiring.Component):
+class TaggedBank(Block):
     """Read–add–write of whole pixels {tag, Dy, Dx, I}; a word with another tag than the operation's reads as zero.
 
     The pipeline is that of :class:`cmfpga.rtl.image.accumulator.ReadAddWrite` with a register between choosing a word
@@ -40,14 +40,12 @@ class TaggedBank(wiring.Component):
     latency = 4
 
     def __init__(self, config):
-        self.config = config
         self.word = data.StructLayout({**payloads.pixel(config).members, "tag": config.tag_bits})
         self.deep = config.geometry.bank_depth > SHALLOW and config.ram_style != "ultra"
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.tagged_operation(config))),
-                "o": Out(payloads.flow(payloads.tagged_step(config))),
-            }
+            config,
+            i=In(payloads.flow(payloads.tagged_operation(config))),
+            o=Out(payloads.flow(payloads.tagged_step(config))),
         )
 
     def elaborate(self, platform):
@@ -154,7 +152,7 @@ class TaggedBank(wiring.Component):
         return base
 
 
-class TaggedAccumulator(wiring.Component):
+class TaggedAccumulator(Block):
     """Sums votes into I, Dx and Dy, spread over four banks by the parity of column and row.
 
     Every word carries the number of the iteration that wrote it, so nothing is cleared between iterations. Before a
@@ -179,15 +177,13 @@ class TaggedAccumulator(wiring.Component):
     latency = 1 + TaggedBank.latency
 
     def __init__(self, config):
-        self.config = config
         self.banks = [TaggedBank(config) for _ in range(4)]
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.votes(config))),
-                "next_tag": In(1),
-                "o": Out(data.ArrayLayout(payloads.tagged_step(config), 4)),
-                "swept": Out(1),
-            }
+            config,
+            i=In(payloads.flow(payloads.votes(config))),
+            next_tag=In(1),
+            o=Out(data.ArrayLayout(payloads.tagged_step(config), 4)),
+            swept=Out(1),
         )
 
     def elaborate(self, platform):

@@ -1,15 +1,14 @@
 """t_ref/dt scaler: turns an event's time into dt = (t − t_ref)/((t_N − t_1)/2)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, round_half_up
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 
 
-class TimeScaler(wiring.Component):
+class TimeScaler(Block):
     """Scales times to −1 … 1 (Eqs. t_ref and dt of the article) by the reciprocal of the batch's range.
 
     dt = (2t − span)/span with t counted from t_1, so t_ref's half microsecond is not lost. Two multipliers, one
@@ -45,14 +44,12 @@ class TimeScaler(wiring.Component):
             rest = {name: event.members[name] for name in ("x", "y", "last")}
             scaled = payloads.layout(dt=payloads.Fixed(config.formats.dt), **rest)
         super().__init__(
-            {
-                "i": In(payloads.flow(event or payloads.dithered_event(config))),
-                **payloads.with_basis(config, In),
-                "o": Out(payloads.flow(scaled)),
-                "span": In(config.span_bits),
-                "shift": In(bits_for(config.span_bits - 1)),
-                "mantissa": In(config.reciprocal_bits + 1),
-            }
+            i=In(payloads.flow(event or payloads.dithered_event(config))),
+            **payloads.with_basis(config, In),
+            o=Out(payloads.flow(scaled)),
+            span=In(config.span_bits),
+            shift=In(bits_for(config.span_bits - 1)),
+            mantissa=In(config.reciprocal_bits + 1),
         )
 
     def elaborate(self, platform):

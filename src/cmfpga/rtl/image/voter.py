@@ -1,15 +1,14 @@
 """Bilinear voter: spreads a warped event over four pixels, with the derivatives of each vote."""
 
 from amaranth.hdl import Const, Module, Mux, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, floor_shift, half_of, round_half_up
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, negative_where, partial_products, select, small_product
 
 
-class BilinearVoter(wiring.Component):
+class BilinearVoter(Block):
     """Weights and derivatives of the four corners of an event's cell (Eqs. weights and w_dx_x), sorted by bank.
 
     A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
@@ -32,14 +31,12 @@ class BilinearVoter(wiring.Component):
     latency = 3
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.warped_event(config))),
-                "o": Out(payloads.flow(payloads.votes(config))),
-                "level": In(bits_for(config.max_level)),
-                **payloads.with_middle(config, In),
-            }
+            config,
+            i=In(payloads.flow(payloads.warped_event(config))),
+            o=Out(payloads.flow(payloads.votes(config))),
+            level=In(bits_for(config.max_level)),
+            **payloads.with_middle(config, In),
         )
 
     def elaborate(self, platform):

@@ -1,11 +1,10 @@
 """Warp: moves events to t_ref along the candidate velocity."""
 
 from amaranth.hdl import Const, Module, Mux, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, floor_shift, signed_bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, saturate, select
 from .flow import Flow
 
@@ -52,7 +51,7 @@ def of_level(m, config, position, axis, level, *, name):
     return Mux(below, low, Mux(above, high, place))
 
 
-class Warp(wiring.Component):
+class Warp(Block):
     """x' = x − dt·vx, y' = y − dt·vy (Eq. x'_k of the article), floored to ``position_frac`` bits.
 
     At a coarse level pixels are 2^level px wide: x'' = (x' + ½)/2^level − ½. Positions are clamped to one pixel beyond
@@ -73,17 +72,15 @@ class Warp(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         self.flow = Flow(config) if config.motion_model.basis else None
         self._moving = 4 if config.max_level else 3
         self.latency = self._moving + (Flow.latency if self.flow else 0)
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.scaled_event(config))),
-                "o": Out(payloads.flow(payloads.warped_event(config))),
-                "v": In(payloads.velocity(config)),
-                "level": In(bits_for(config.max_level)),
-            }
+            config,
+            i=In(payloads.flow(payloads.scaled_event(config))),
+            o=Out(payloads.flow(payloads.warped_event(config))),
+            v=In(payloads.velocity(config)),
+            level=In(bits_for(config.max_level)),
         )
 
     def elaborate(self, platform):

@@ -27,6 +27,11 @@ def make_front(config):
     return {name: make(config) for name, (make, wanted) in there.items() if wanted}
 
 
+def write_ports(front):
+    """The core's members that fill tables, by name."""
+    return {write: front[name].signature.members["write"] for name, write in WRITES.items() if name in front}
+
+
 def connect_front(m, core, source, sink, *, settings, start, clear):
     """From ``source`` to ``sink``; tables, and what is taken over or forgotten at ``start`` and ``clear``."""
     path = [source, *itertools.chain.from_iterable((block.i, block.o) for block in core.front.values()), sink]

@@ -1,13 +1,12 @@
 """Binning: an event of the sensor, in an image of fewer and wider pixels."""
 
 from amaranth.hdl import Module
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from .. import payloads
+from .. import Block, payloads
 
 
-class Binning(wiring.Component):
+class Binning(Block):
     """Column and row without their ``binning`` lowest bits; the last pixel of an odd sensor is part empty.
 
     What follows is as large as the image: ROI, v, and the table that undistorts are in its pixels.
@@ -22,12 +21,10 @@ class Binning(wiring.Component):
     latency = 0
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.marked_event(config))),
-                "o": Out(payloads.flow(payloads.binned_event(config))),
-            }
+            config,
+            i=In(payloads.flow(payloads.marked_event(config))),
+            o=Out(payloads.flow(payloads.binned_event(config))),
         )
 
     def elaborate(self, platform):

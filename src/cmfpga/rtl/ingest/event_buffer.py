@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 from ...config.schedule import FEWEST
 from ...fixed import bits_for
 from ...protocol.results import thins
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, select
 
 
@@ -22,7 +22,7 @@ def stored(config):
     return wiring.Signature({"count": Out(bits_for(config.buffer_events)), **more})
 
 
-class EventBuffer(wiring.Component):
+class EventBuffer(Block):
     """Stores events, then replays them, one per cycle, whenever asked.
 
     What a full buffer does with the surplus: it drops and counts it. Or, with ``when_full="thin"``, it thins out what
@@ -66,19 +66,17 @@ class EventBuffer(wiring.Component):
     latency = 4
 
     def __init__(self, config):
-        self.config = config
         subset = {"stride": In(payloads.STRIDE_BITS), "started": Out(1), "subset": Out(payloads.subset(config))}
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.roi_event(config))),
-                "o": Out(payloads.flow(payloads.replayed_event(config))),
-                "clear": In(1),
-                "take": In(1),
-                "replay": In(1),
-                "room": In(1, init=1),
-                "stored": Out(stored(config)),
-                **(subset if config.ascent_rule.strides else {}),
-            }
+            config,
+            i=In(payloads.flow(payloads.roi_event(config))),
+            o=Out(payloads.flow(payloads.replayed_event(config))),
+            clear=In(1),
+            take=In(1),
+            replay=In(1),
+            room=In(1, init=1),
+            stored=Out(stored(config)),
+            **(subset if config.ascent_rule.strides else {}),
         )
 
     def elaborate(self, platform):

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from ...protocol.results import CYCLE_BITS, thins
-from .. import payloads
+from .. import Block, payloads
 from ..ascent.roi_updater import corner
 from .event_buffer import stored
 from .roi_filter import measured
@@ -48,7 +48,7 @@ def handover(config):
 FAR = 32
 
 
-class IngestControl(wiring.Component):
+class IngestControl(Block):
     """Decides when a batch begins and ends, in a state machine.
 
     CLEAR
@@ -98,23 +98,21 @@ class IngestControl(wiring.Component):
     """
 
     def __init__(self, config, *, drain, skips=False):
-        self.config = config
         self._drain, self._skips = drain, skips
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.event(config, skips))),
-                "o": Out(payloads.flow(payloads.event(config, skips))),
-                **({"far": Out(1)} if skips else {}),
-                "settings": In(payloads.settings(config)),
-                "measured": In(measured(config)),
-                "stored": In(stored(config)),
-                "thinned": In(bits_for(config.max_batch_events)),
-                **({"thinning_used": In(payloads.thinning_used(config))} if thins(config) else {}),
-                "corner": In(corner(config)),
-                "clear": Out(1),
-                "cleared": In(1),
-                "handover": Out(handover(config)),
-            }
+            config,
+            i=In(stream.Signature(payloads.event(config, skips))),
+            o=Out(payloads.flow(payloads.event(config, skips))),
+            **({"far": Out(1)} if skips else {}),
+            settings=In(payloads.settings(config)),
+            measured=In(measured(config)),
+            stored=In(stored(config)),
+            thinned=In(bits_for(config.max_batch_events)),
+            **({"thinning_used": In(payloads.thinning_used(config))} if thins(config) else {}),
+            corner=In(corner(config)),
+            clear=Out(1),
+            cleared=In(1),
+            handover=Out(handover(config)),
         )
 
     def elaborate(self, platform):

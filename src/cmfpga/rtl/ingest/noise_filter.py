@@ -1,15 +1,15 @@
 """In front of the ROI filter: a mask of hot pixels, and a filter of background activity. Both only mark events."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, memory, wiring
+from amaranth.lib import data, memory
 from amaranth.lib.wiring import In, Out
 
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 from ..read_modify_write import ReadModifyWrite
 
 
-class HotMask(wiring.Component):
+class HotMask(Block):
     """Marks the events of pixels that a mask holds, a bit each, in words of 32 neighbours of a row.
 
     A reset leaves the mask as it is; until it was written it holds anything.
@@ -30,15 +30,13 @@ class HotMask(wiring.Component):
     latency = 2
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.event(config))),
-                "o": Out(payloads.flow(payloads.marked_event(config, "hot"))),
-                "start": In(1),
-                "enable": In(1),
-                "write": In(payloads.flow(payloads.mask_write(config))),
-            }
+            config,
+            i=In(payloads.flow(payloads.event(config))),
+            o=Out(payloads.flow(payloads.marked_event(config, "hot"))),
+            start=In(1),
+            enable=In(1),
+            write=In(payloads.flow(payloads.mask_write(config))),
         )
 
     def elaborate(self, platform):
@@ -94,7 +92,7 @@ class _Cells(ReadModifyWrite):
         ]
 
 
-class BackgroundFilter(wiring.Component):
+class BackgroundFilter(Block):
     """Marks events that no other pixel supports: none of the same cell had an event shortly before.
 
     The sensor is divided into cells of 2^background_cell pixels a side. For each the RAM holds the times of the
@@ -127,17 +125,15 @@ class BackgroundFilter(wiring.Component):
     latency = ReadModifyWrite.latency + 2
 
     def __init__(self, config):
-        self.config = config
         event = payloads.marked_event(config, "hot") if config.hot_pixels else payloads.event(config)
         super().__init__(
-            {
-                "i": In(payloads.flow(event)),
-                "o": Out(payloads.flow(payloads.marked_event(config))),
-                "start": In(1),
-                "period": In(range(config.widths.background_us_max + 1)),
-                "clear": In(1),
-                "cleared": Out(1),
-            }
+            config,
+            i=In(payloads.flow(event)),
+            o=Out(payloads.flow(payloads.marked_event(config))),
+            start=In(1),
+            period=In(range(config.widths.background_us_max + 1)),
+            clear=In(1),
+            cleared=Out(1),
         )
 
     def elaborate(self, platform):

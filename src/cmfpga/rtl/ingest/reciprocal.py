@@ -1,13 +1,13 @@
 """Reciprocal of the batch's time range, by a serial divider."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
+from .. import Block
 
 
-class Reciprocal(wiring.Component):
+class Reciprocal(Block):
     """Computes ``mantissa = floor(2**(span_bits - 1 + reciprocal_bits) / (span << shift))``, once per batch.
 
     ``shift`` brings the range's top bit to the top, so that the mantissa has full precision for any range; it is
@@ -32,13 +32,11 @@ class Reciprocal(wiring.Component):
         self.span_bits, self.reciprocal_bits = span_bits, reciprocal_bits
         self.latency = span_bits + reciprocal_bits + 1
         super().__init__(
-            {
-                "start": In(1),
-                "span": In(span_bits),
-                "done": Out(1),
-                "shift": Out(bits_for(span_bits - 1)),
-                "mantissa": Out(reciprocal_bits + 1),
-            }
+            start=In(1),
+            span=In(span_bits),
+            done=Out(1),
+            shift=Out(bits_for(span_bits - 1)),
+            mantissa=Out(reciprocal_bits + 1),
         )
 
     def elaborate(self, platform):

@@ -8,7 +8,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 
 
@@ -24,7 +24,7 @@ def measured(config):
     return wiring.Signature({"t_first": Out(config.time_bits), "span": Out(config.span_bits), **counts})
 
 
-class RoiFilter(wiring.Component):
+class RoiFilter(Block):
     """Passes the events that lie in the ROI, relative to its corner and to the batch's first event.
 
     The first event after ``start`` gives t_1; the last good one t_N. An event whose time steps back, or lies
@@ -57,18 +57,16 @@ class RoiFilter(wiring.Component):
     latency = 4
 
     def __init__(self, config, size=None, *, skips=False):
-        self.config = config
         self._event = payloads.event(config, True) if skips else payloads.undistorted_event(config)
         self._skips = skips
         self._size = size or (config.roi_width, config.roi_height)
         super().__init__(
-            {
-                "i": In(payloads.flow(self._event)),
-                "o": Out(payloads.flow(payloads.roi_event(config, *self._size))),
-                "start": In(1),
-                "roi": In(payloads.roi_corner(config)),
-                "measured": Out(measured(config)),
-            }
+            config,
+            i=In(payloads.flow(self._event)),
+            o=Out(payloads.flow(payloads.roi_event(config, *self._size))),
+            start=In(1),
+            roi=In(payloads.roi_corner(config)),
+            measured=Out(measured(config)),
         )
 
     def elaborate(self, platform):

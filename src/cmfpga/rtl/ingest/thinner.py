@@ -1,16 +1,15 @@
 """Thinner: stores one ROI event in k, so that a burst of events does not cost time or buffer."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...config.widths import Widths
 from ...fixed import bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 
 
-class Thinner(wiring.Component):
+class Thinner(Block):
     """Passes the first of every ``k`` events, evenly over the batch, and counts the others.
 
     Where a full buffer thins out further, ``used`` is what comes of both.
@@ -49,15 +48,13 @@ class Thinner(wiring.Component):
     def __init__(self, event, *, most_stored, most_events, used=None):
         self._with_used = used is not None
         super().__init__(
-            {
-                **({"halved": In(1), "used": Out(used)} if self._with_used else {}),
-                "i": In(payloads.flow(event)),
-                "o": Out(payloads.flow(event)),
-                "start": In(1),
-                "thinning": In(Widths.thinning_bits),
-                "target": In(bits_for(most_stored)),
-                "thinned": Out(bits_for(most_events)),
-            }
+            **({"halved": In(1), "used": Out(used)} if self._with_used else {}),
+            i=In(payloads.flow(event)),
+            o=Out(payloads.flow(event)),
+            start=In(1),
+            thinning=In(Widths.thinning_bits),
+            target=In(bits_for(most_stored)),
+            thinned=Out(bits_for(most_events)),
         )
 
     def elaborate(self, platform):

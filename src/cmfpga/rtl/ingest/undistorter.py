@@ -1,14 +1,14 @@
 """Undistorter: where a camera without distortion would have seen an event, with fractions of a pixel."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, memory, wiring
+from amaranth.lib import data, memory
 from amaranth.lib.wiring import In, Out
 
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, small_product
 
 
-class Undistorter(wiring.Component):
+class Undistorter(Block):
     """Moves each event by what a table says, interpolated between the four nodes around its pixel.
 
     The table has a node every 2^undistortion_cell px; it is exact there, and in between off by what the distortion
@@ -32,15 +32,13 @@ class Undistorter(wiring.Component):
     latency = 8
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.binned_event(config))),
-                "o": Out(payloads.flow(payloads.undistorted_event(config))),
-                "start": In(1),
-                "enable": In(1),
-                "write": In(payloads.flow(payloads.node_write(config))),
-            }
+            config,
+            i=In(payloads.flow(payloads.binned_event(config))),
+            o=Out(payloads.flow(payloads.undistorted_event(config))),
+            start=In(1),
+            enable=In(1),
+            write=In(payloads.flow(payloads.node_write(config))),
         )
 
     def elaborate(self, platform):

@@ -1,11 +1,12 @@
 """Collector: takes the units' outcomes, moves the regions that follow their v, and hands the results out."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, stream
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.flags import Flag
 from ...protocol.results import fields_of
+from .. import Block
 from .. import payloads as common
 from ..arithmetic import is_short, select
 from ..confidence.verdict import Verdict
@@ -16,7 +17,7 @@ from .distributor import place_of
 CLEAR, ADD = 1, 2
 
 
-class Collector(wiring.Component):
+class Collector(Block):
     """One outcome after the other; the lowest unit that has one comes first. Those of a batch wait for the one before.
 
     Each takes :attr:`latency` cycles or less, in which v's confidence is judged, if that is asked.
@@ -47,25 +48,23 @@ class Collector(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         # Units judge motions beyond a translation themselves, as the probes come.
         self._verdict = Verdict(config) if config.confidence and not config.motion_model.basis else None
         judging = self._verdict.latency + 1 if self._verdict else 0
         self.latency = 6 + max(config.formats.roi_gain.width + 3, judging)
         kept = data.StructLayout({"number": config.store.number_bits, "state": payloads.state(config)})
         super().__init__(
-            {
-                "units": In(stream.Signature(payloads.outcome(config))).array(config.units),
-                "begins": In(1),
-                "batch": In(common.batch(config)),
-                "turn": In(1),
-                "number": Out(config.store.number_bits),
-                "row": In(payloads.row(config)),
-                "state": In(payloads.state(config)),
-                "write": Out(common.flow(kept)),
-                "o": Out(stream.Signature(payloads.region_result(config))),
-                **dict.fromkeys(("begun", "takes_over"), Out(1)),
-            }
+            config,
+            units=In(stream.Signature(payloads.outcome(config))).array(config.units),
+            begins=In(1),
+            batch=In(common.batch(config)),
+            turn=In(1),
+            number=Out(config.store.number_bits),
+            row=In(payloads.row(config)),
+            state=In(payloads.state(config)),
+            write=Out(common.flow(kept)),
+            o=Out(stream.Signature(payloads.region_result(config))),
+            **dict.fromkeys(("begun", "takes_over"), Out(1)),
         )
 
     def elaborate(self, platform):

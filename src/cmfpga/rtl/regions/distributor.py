@@ -1,11 +1,12 @@
 """Distributor: goes through the table of regions, and gives each region's events to a unit."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
-from amaranth.lib import stream, wiring
+from amaranth.lib import stream
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, round_half_up
 from ...protocol.regions import STARTS
+from .. import Block
 from .. import payloads as common
 from ..arithmetic import delay
 from . import payloads
@@ -16,7 +17,7 @@ def place_of(position):
     return {axis: round_half_up(position[axis], shape.q.f) for axis, shape in position.shape().members.items()}
 
 
-class Distributor(wiring.Component):
+class Distributor(Block):
     """Row by row, in a state machine.
 
     IDLE
@@ -73,23 +74,21 @@ class Distributor(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         units, bins = config.units, bits_for(config.store.bins - 1)
         super().__init__(
-            {
-                **dict.fromkeys(("take", "divided", "busy", "cleared", "begun"), In(1)),
-                **dict.fromkeys(("free", "divide", "turn", "clear"), Out(1)),
-                "settings": In(common.settings(config)),
-                "number": Out(config.store.number_bits),
-                "row": In(payloads.row(config)),
-                "state": In(payloads.state(config)),
-                "read": Out(stream.Signature(bins)),
-                "events": In(common.flow(payloads.stored_event(config))),
-                "o": Out(common.flow(common.roi_event(config))),
-                **dict.fromkeys(("ready", "idle"), In(units)),
-                **dict.fromkeys(("begin", "commit"), Out(units)),
-                "job": Out(payloads.job(config)),
-            }
+            config,
+            **dict.fromkeys(("take", "divided", "busy", "cleared", "begun"), In(1)),
+            **dict.fromkeys(("free", "divide", "turn", "clear"), Out(1)),
+            settings=In(common.settings(config)),
+            number=Out(config.store.number_bits),
+            row=In(payloads.row(config)),
+            state=In(payloads.state(config)),
+            read=Out(stream.Signature(bins)),
+            events=In(common.flow(payloads.stored_event(config))),
+            o=Out(common.flow(common.roi_event(config))),
+            **dict.fromkeys(("ready", "idle"), In(units)),
+            **dict.fromkeys(("begin", "commit"), Out(units)),
+            job=Out(payloads.job(config)),
         )
 
     def elaborate(self, platform):

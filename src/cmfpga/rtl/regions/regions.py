@@ -1,15 +1,17 @@
 """Regions: events in, the motion of many regions of each batch out."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import memory, stream, wiring
+from amaranth.lib import memory, stream
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from .. import Block
 from .. import payloads as common
 from ..arithmetic import delay
-from ..ingest import WRITES, connect_front, make_front
+from ..ingest import connect_front, make_front, write_ports
 from ..ingest.ingest_control import IngestControl
 from ..ingest.reciprocal import Reciprocal
 from ..ingest.roi_filter import RoiFilter
+from ..iterating import boxes_of
 from . import payloads
 from .collector import Collector
 from .distributor import Distributor
@@ -18,7 +20,7 @@ from .store import Store
 from .unit import Unit
 
 
-class Regions(wiring.Component):
+class Regions(Block):
     """Contrast Maximization of many regions of each batch::
 
         i ─► ingest control ─► filter ─► store ─► distributor ─┬─► unit 0 ─────┬─► collector ─► o
@@ -55,7 +57,6 @@ class Regions(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         self.front = make_front(config)
         self.roi_filter = RoiFilter(config, config.geometry.size)
         self.store = Store(config)
@@ -76,24 +77,14 @@ class Regions(wiring.Component):
             "schedule_write": In(common.flow(common.schedule_write(config))),
             "row_write": In(common.flow(payloads.row_write(config))),
         }
-        for name, write in WRITES.items():
-            if name in self.front:
-                members[write] = self.front[name].signature.members["write"]
-        super().__init__(members)
+        super().__init__(config, **members, **write_ports(self.front))
 
     @property
     def boxes(self):
         """What stands directly in it, by name, in the order of data flow."""
-        names = ("roi_filter", "store", "reciprocal", "distributor")
         units = {f"unit_{number}": unit for number, unit in enumerate(self.units)}
-        return {
-            **({"slices": self.slices} if self.slices else {}),
-            "ingest_control": self.ingest_control,
-            **self.front,
-            **{name: getattr(self, name) for name in names},
-            **units,
-            "collector": self.collector,
-        }
+        names = ("roi_filter", "store", "reciprocal", "distributor")
+        return boxes_of(self, "slices", "ingest_control", self.front, *names, units, "collector")
 
     @property
     def blocks(self):

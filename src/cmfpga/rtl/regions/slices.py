@@ -1,14 +1,15 @@
 """Slices: windows that overlap, each made of the last slices of events."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import memory, stream, wiring
+from amaranth.lib import memory, stream
 from amaranth.lib.wiring import In, Out
 
+from .. import Block
 from .. import payloads as common
 from ..image.sliced_memory import SHALLOW, SlicedMemory
 
 
-class Slices(wiring.Component):
+class Slices(Block):
     """Each slice goes out behind those that it shares its window with, which are kept here, in a ring.
 
     What follows sees a batch as any other. The first windows after a reset have fewer slices. A slice ends with
@@ -28,14 +29,12 @@ class Slices(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(stream.Signature(common.event(config))),
-                "o": Out(stream.Signature(common.event(config))),
-                "slice_events": In(common.settings(config)["batch_events"].shape),
-                "opened": In(1),
-            }
+            config,
+            i=In(stream.Signature(common.event(config))),
+            o=Out(stream.Signature(common.event(config))),
+            slice_events=In(common.settings(config)["batch_events"].shape),
+            opened=In(1),
         )
 
     def elaborate(self, platform):

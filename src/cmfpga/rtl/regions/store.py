@@ -1,11 +1,12 @@
 """Store: takes a batch's events in, bin by bin, and reads the bins of the one before."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib import data, memory, stream
 from amaranth.lib.wiring import In, Out
 
 from ...config.regions import PAGE_EVENTS
 from ...fixed import bits_for
+from .. import Block
 from ..arithmetic import delay
 from ..image.sliced_memory import SHALLOW, SlicedMemory
 from ..payloads import flow
@@ -52,7 +53,7 @@ class BinTable(ReadModifyWrite):
         return m
 
 
-class Half(wiring.Component):
+class Half(Block):
     """One batch: pages of :data:`~cmfpga.config.regions.PAGE_EVENTS` events, linked bin by bin.
 
     Filling takes an event per cycle, which lies in its page :attr:`latency` cycles later. Reading takes a bin's address
@@ -76,17 +77,15 @@ class Half(wiring.Component):
     latency = ReadModifyWrite.latency + 2
 
     def __init__(self, config):
-        self.config = config
         self._address = bits_for(config.store.bins - 1)
         super().__init__(
-            {
-                "i": In(flow(stored_event(config))),
-                "clear": In(1),
-                "cleared": Out(1),
-                "read": In(stream.Signature(self._address)),
-                "o": Out(flow(stored_event(config))),
-                "busy": Out(1),
-            }
+            config,
+            i=In(flow(stored_event(config))),
+            clear=In(1),
+            cleared=Out(1),
+            read=In(stream.Signature(self._address)),
+            o=Out(flow(stored_event(config))),
+            busy=Out(1),
         )
 
     def elaborate(self, platform):
@@ -193,7 +192,7 @@ class Half(wiring.Component):
         m.d.comb += self.busy.eq(looking | known | walking | flying | self.o.valid)
 
 
-class Store(wiring.Component):
+class Store(Block):
     """Two batches: one is filled while the other is read.
 
     Throughput and latencies are those of :class:`Half`.
@@ -215,14 +214,12 @@ class Store(wiring.Component):
     latency = Half.latency
 
     def __init__(self, config):
-        self.config = config
         self._halves = [Half(config) for _ in range(2)]
         half = self._halves[0].signature.members
         super().__init__(
-            {
-                **{name: half[name] for name in ("i", "o", "read", "busy", "cleared")},
-                **dict.fromkeys(("open", "take", "clear", "reset"), In(1)),
-            }
+            config,
+            **{name: half[name] for name in ("i", "o", "read", "busy", "cleared")},
+            **dict.fromkeys(("open", "take", "clear", "reset"), In(1)),
         )
 
     def elaborate(self, platform):

@@ -1,18 +1,19 @@
 """Unit: the iterating half of a core, for one region after the other."""
 
-from amaranth.hdl import Module, Signal
-from amaranth.lib import stream, wiring
+from amaranth.hdl import Signal
+from amaranth.lib import stream
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.flags import Flag
 from ...protocol.results import thins
+from .. import Block
 from .. import payloads as common
 from ..arithmetic import delay
-from ..iterating import Iterating
+from ..iterating import Iterating, boxes_of
 from . import payloads
 
 
-class Unit(Iterating, wiring.Component):
+class Unit(Iterating, Block):
     """Takes a region's events and its job, iterates, and offers what came of it; meanwhile the next region is loaded.
 
     An event per cycle in, and an event per cycle in every iteration, which takes :attr:`iteration_latency` cycles more.
@@ -49,28 +50,21 @@ class Unit(Iterating, wiring.Component):
         self._make_iterating(verdict=False)
         self.image.check(self.iteration_latency)
         super().__init__(
-            {
-                **dict.fromkeys(("ready", "idle", "cleared"), Out(1)),
-                **dict.fromkeys(("begin", "commit", "clear"), In(1)),
-                "i": In(common.flow(common.roi_event(config))),
-                "job": In(payloads.job(config)),
-                "times": In(payloads.times(config)),
-                "o": Out(stream.Signature(payloads.outcome(config))),
-                "schedule_write": In(common.flow(common.schedule_write(config))),
-                "trace": Out(common.flow(payloads.region_trace(config))),
-            }
+            **dict.fromkeys(("ready", "idle", "cleared"), Out(1)),
+            **dict.fromkeys(("begin", "commit", "clear"), In(1)),
+            i=In(common.flow(common.roi_event(config))),
+            job=In(payloads.job(config)),
+            times=In(payloads.times(config)),
+            o=Out(stream.Signature(payloads.outcome(config))),
+            schedule_write=In(common.flow(common.schedule_write(config))),
+            trace=Out(common.flow(payloads.region_trace(config))),
         )
 
     @property
     def boxes(self):
         """What stands directly in the unit, by name, in the order of data flow."""
         last = ("image", "gradient", "means", "ascent", "probe", "judge", "iteration_control")
-        boxes = [
-            {"event_buffer": self.event_buffer},
-            self.path.boxes,
-            {name: getattr(self, name) for name in last},
-        ]
-        return {name: block for part in boxes for name, block in part.items() if block is not None}
+        return boxes_of(self, "event_buffer", self.path.boxes, *last)
 
     @property
     def region_latency(self):
@@ -85,8 +79,7 @@ class Unit(Iterating, wiring.Component):
         return self.iterated_cycles(roi_events, iterations, judge) + self.region_latency
 
     def elaborate(self, platform):
-        m = Module()
-        self._add_boxes(m)
+        m = self._with_boxes()
         self._load(m)
         self._iterate(m, self._times, self._times)
         self.path.look_from(m, self._job)

@@ -1,16 +1,17 @@
 """Batch end: marks the last event of each batch."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import stream
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
+from .. import Block
 from .. import payloads as core
 from . import payloads
 from .decoder import lowest_one
 
 
-class BatchEnd(wiring.Component):
+class BatchEnd(Block):
     """Ends batches with TLAST, on command, by their duration, or by their number of events.
 
     Each event waits here until it is known whether it is its batch's last: until the next one comes (which may be later
@@ -50,16 +51,14 @@ class BatchEnd(wiring.Component):
     latency = 1
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.sensor_token(config))),
-                "o": Out(stream.Signature(core.event(config, skips=config.skips))),
-                **({"far": In(1)} if config.skips else {}),
-                "settings": In(payloads.end_settings(config)),
-                **dict.fromkeys(("go", "opened", "taken", "end_batch", "idle"), In(1)),
-                **dict.fromkeys(("taking_in", "holding", "empty_end"), Out(1)),
-            }
+            config,
+            i=In(stream.Signature(payloads.sensor_token(config))),
+            o=Out(stream.Signature(core.event(config, skips=config.skips))),
+            **({"far": In(1)} if config.skips else {}),
+            settings=In(payloads.end_settings(config)),
+            **dict.fromkeys(("go", "opened", "taken", "end_batch", "idle"), In(1)),
+            **dict.fromkeys(("taking_in", "holding", "empty_end"), Out(1)),
         )
 
     def elaborate(self, platform):

@@ -1,11 +1,12 @@
 """Counters: 32 bits each, of losses, stalls and work, in a memory with one adder."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, memory, wiring
+from amaranth.lib import data, memory
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.registers.contract import COUNTERS
 from ...protocol.results import RESULTS
+from .. import Block
 from . import payloads
 
 OF_FLAGS = ("degenerate", "cut", "doubtful")
@@ -43,7 +44,7 @@ def pulses(config):
     return data.StructLayout({**dict.fromkeys(PULSES, 1), **many, "events_taken": many["events_in"]})
 
 
-class Counters(wiring.Component):
+class Counters(Block):
     """Wrap after 2^32; cleared all at once.
 
     Nothing is lost: pulses are counted in five bits, and added in turn. So a counter of pulses shows what was counted
@@ -71,17 +72,15 @@ class Counters(wiring.Component):
     walk = max(STEPS.values()) + 1
 
     def __init__(self, config):
-        self.config = config
         if len(BY_PULSE) >= TURNS or self.walk >= TURNS:
             raise NotImplementedError(f"a total of a late word: a result is added up in {TURNS} cycles")
         super().__init__(
-            {
-                **dict.fromkeys(("clear", "begun", "held", *(("last",) if config.regions else ())), In(1)),
-                "pulses": In(pulses(config)),
-                "packet": In(64),
-                "address": In(5),
-                "word": Out(32),
-            }
+            config,
+            **dict.fromkeys(("clear", "begun", "held", *(("last",) if config.regions else ())), In(1)),
+            pulses=In(pulses(config)),
+            packet=In(64),
+            address=In(5),
+            word=Out(32),
         )
 
     def elaborate(self, platform):

@@ -11,13 +11,14 @@ what fills a packet that has too few events is :data:`PADDING`.
 """
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, stream
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.fifo import AsyncFIFO
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.link import CPI_COUNTERS
 from ...protocol.word_format import EVENT_TYPES, HIGH_BITS, OTHER_TYPES, TIME_HIGH
+from .. import Block
 from . import payloads
 from .decoder import EVT
 
@@ -25,7 +26,7 @@ from .decoder import EVT
 PADDING = 0xFFFFFFFF
 
 
-class CpiPort(wiring.Component):
+class CpiPort(Block):
     """Words from the pins, one to a beat. The pins are in the domain ``cpi``, all else is in ``sync``.
 
     Where a time word was lost, and after a pause, words are left out until the next time word. Nothing that comes whole
@@ -65,12 +66,10 @@ class CpiPort(wiring.Component):
     def __init__(self, depth=512, padding=PADDING, sensor=(320, 320)):
         self._depth, self._padding, self._sensor = depth, padding, sensor
         super().__init__(
-            {
-                "data": In(8),
-                **dict.fromkeys(("hsync", "vsync", "enable", "big_endian", "hsync_low", "vsync_low"), In(1)),
-                "o": Out(stream.Signature(payloads.beat())),
-                "counted": Out(data.StructLayout({name: 32 for name in CPI_COUNTERS})),
-            }
+            data=In(8),
+            **dict.fromkeys(("hsync", "vsync", "enable", "big_endian", "hsync_low", "vsync_low"), In(1)),
+            o=Out(stream.Signature(payloads.beat())),
+            counted=Out(data.StructLayout({name: 32 for name in CPI_COUNTERS})),
         )
 
     def elaborate(self, platform):
@@ -143,7 +142,7 @@ class CpiPort(wiring.Component):
         return m
 
 
-class CountAcross(wiring.Component):
+class CountAcross(Block):
     """Counts pulses of the domain ``cpi`` in ``sync``, exactly while ``cpi`` is less than 15 times as fast.
 
     Members
@@ -157,7 +156,7 @@ class CountAcross(wiring.Component):
     bits = 4
 
     def __init__(self):
-        super().__init__({"pulse": In(1), "total": Out(32)})
+        super().__init__(pulse=In(1), total=Out(32))
 
     def elaborate(self, platform):
         m = Module()

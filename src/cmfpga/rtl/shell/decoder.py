@@ -4,15 +4,16 @@ import functools
 import operator
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, stream
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.registers.declaration import FORMATS
 from ...protocol.word_format import COLUMN_BITS, EVENT_TYPES, HIGH_BITS, LOW_BITS, OTHER_TYPES, TIME_HIGH
+from .. import Block
 from . import payloads
 
 
-class TimeHigh(wiring.Component):
+class TimeHigh(Block):
     """Remembers the last time word; the bits of a later event complete it.
 
     Members
@@ -32,16 +33,14 @@ class TimeHigh(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "load": In(1),
-                "high": In(HIGH_BITS),
-                "low": In(LOW_BITS),
-                "t": Out(config.time_bits),
-                "known": Out(1),
-                "back": Out(1),
-            }
+            config,
+            load=In(1),
+            high=In(HIGH_BITS),
+            low=In(LOW_BITS),
+            t=Out(config.time_bits),
+            known=Out(1),
+            back=Out(1),
         )
 
     def elaborate(self, platform):
@@ -88,7 +87,7 @@ def lowest_one(m, mask):
     return remaining, index, ((some & before) | Cat(several)).any()
 
 
-class Decoder(wiring.Component):
+class Decoder(Block):
     """Holds one 64-bit word, and steps through it:
 
     - EVT 2.1: a vector of up to 32 events, from its lowest column on, one event a cycle;
@@ -115,15 +114,13 @@ class Decoder(wiring.Component):
     latency = 1
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.beat())),
-                "o": Out(stream.Signature(payloads.token(config))),
-                "format": In(2),
-                "swap": In(1),
-                **dict.fromkeys(("format_error", "other", "back", "time_known", "empty"), Out(1)),
-            }
+            config,
+            i=In(stream.Signature(payloads.beat())),
+            o=Out(stream.Signature(payloads.token(config))),
+            format=In(2),
+            swap=In(1),
+            **dict.fromkeys(("format_error", "other", "back", "time_known", "empty"), Out(1)),
         )
 
     def elaborate(self, platform):

@@ -1,10 +1,11 @@
 """EVT 3.0 decoder: words of 16 bits in, events and vectors of events out."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, stream
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.word_format import COLUMN_BITS, LAST_COLUMN, OTHER_TYPES_3, TIME_BITS, TIME_HIGH, VECTORS, Evt3
+from .. import Block
 from . import payloads
 
 WORD = data.StructLayout({"value": TIME_BITS, "type": 4})
@@ -12,7 +13,7 @@ WORD = data.StructLayout({"value": TIME_BITS, "type": 4})
 STEP_BITS = 2 * TIME_BITS + 2
 
 
-class Evt3Decoder(wiring.Component):
+class Evt3Decoder(Block):
     """Holds one beat of four words, and takes one of them a cycle, the lowest first.
 
     A vector word is one token, a single event a vector of one column. Words behind the last with a TKEEP take no cycle,
@@ -34,14 +35,12 @@ class Evt3Decoder(wiring.Component):
     latency = 1
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.beat())),
-                "o": Out(stream.Signature(payloads.token(config))),
-                "swap": In(1),
-                **dict.fromkeys(("format_error", "other", "back", "time_known", "empty"), Out(1)),
-            }
+            config,
+            i=In(stream.Signature(payloads.beat())),
+            o=Out(stream.Signature(payloads.token(config))),
+            swap=In(1),
+            **dict.fromkeys(("format_error", "other", "back", "time_known", "empty"), Out(1)),
         )
 
     def elaborate(self, platform):

@@ -1,10 +1,11 @@
 """Input path: words from ``s_axis`` to events of the sensor; what is behind the decoders: the gate and the splitter."""
 
 from amaranth.hdl import Cat, Module, Mux, ResetInserter, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import stream
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ...protocol.registers.declaration import FORMATS
+from .. import Block
 from .. import payloads as core
 from ..arithmetic import ones
 from . import payloads
@@ -12,7 +13,7 @@ from .decoder import Decoder
 from .evt3_decoder import Evt3Decoder
 
 
-class SensorGate(wiring.Component):
+class SensorGate(Block):
     """Passes the events of the sensor; of others only the end of the packet. One token per cycle, no register.
 
     Of a vector across the border the end follows a cycle later: it comes behind events that are dropped.
@@ -28,16 +29,14 @@ class SensorGate(wiring.Component):
     latency = 0
 
     def __init__(self, config):
-        self.config = config
         counted = payloads.counted(config).members
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.token(config))),
-                "o": Out(stream.Signature(payloads.gated_token(config))),
-                "event": Out(counted["events_in"]),
-                "before_time": Out(counted["before_time"]),
-                "outside": Out(counted["out_of_sensor"]),
-            }
+            config,
+            i=In(stream.Signature(payloads.token(config))),
+            o=Out(stream.Signature(payloads.gated_token(config))),
+            event=Out(counted["events_in"]),
+            before_time=Out(counted["before_time"]),
+            outside=Out(counted["out_of_sensor"]),
         )
 
     def elaborate(self, platform):
@@ -90,7 +89,7 @@ class SensorGate(wiring.Component):
             m.d.sync += passed.eq(apart)
 
 
-class VectorSplitter(wiring.Component):
+class VectorSplitter(Block):
     """Up to three tokens of each, in order of columns, so that those outside the ROI can be dropped at once.
 
     The ROI is that of the batch which is taken in. A token that another ROI was compared with is ``outside`` no more:
@@ -111,15 +110,13 @@ class VectorSplitter(wiring.Component):
     latency = 1
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.gated_token(config))),
-                "o": Out(stream.Signature(payloads.sensor_token(config))),
-                "roi": In(core.roi_corner(config)),
-                "opened": In(1),
-                "empty": Out(1),
-            }
+            config,
+            i=In(stream.Signature(payloads.gated_token(config))),
+            o=Out(stream.Signature(payloads.sensor_token(config))),
+            roi=In(core.roi_corner(config)),
+            opened=In(1),
+            empty=Out(1),
         )
 
     def elaborate(self, platform):
@@ -163,7 +160,7 @@ class VectorSplitter(wiring.Component):
         return m
 
 
-class InputPath(wiring.Component):
+class InputPath(Block):
     """The decoders, the gate behind them, and a register between; where vectors are split, the splitter behind.
 
     One event or vector per cycle; latency :attr:`latency` cycles from a word to its first event.
@@ -184,18 +181,16 @@ class InputPath(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         self.latency = Decoder.latency + 1 + (VectorSplitter.latency if config.skips else 0)
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.beat())),
-                "o": Out(stream.Signature(payloads.sensor_token(config))),
-                "format": In(2),
-                **dict.fromkeys(("swap", "restart"), In(1)),
-                **dict.fromkeys(("time_known", "empty"), Out(1)),
-                "counted": Out(payloads.counted(config)),
-                **({"roi": In(core.roi_corner(config)), "opened": In(1)} if config.skips else {}),
-            }
+            config,
+            i=In(stream.Signature(payloads.beat())),
+            o=Out(stream.Signature(payloads.sensor_token(config))),
+            format=In(2),
+            **dict.fromkeys(("swap", "restart"), In(1)),
+            **dict.fromkeys(("time_known", "empty"), Out(1)),
+            counted=Out(payloads.counted(config)),
+            **({"roi": In(core.roi_corner(config)), "opened": In(1)} if config.skips else {}),
         )
 
     def elaborate(self, platform):

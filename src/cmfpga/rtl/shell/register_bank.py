@@ -1,9 +1,10 @@
 """Register bank: the words of the register map, made from its declaration."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
+from .. import Block
 from . import payloads
 
 
@@ -40,7 +41,7 @@ def layout_of(registers, *access, width=None):
 PAGE_BITS = 5
 
 
-class RegisterBank(wiring.Component):
+class RegisterBank(Block):
     """Stores what software writes, and reads what hardware shows.
 
     A write takes effect in the following cycle. Software wins where it sets a flag in the cycle in which hardware
@@ -68,14 +69,12 @@ class RegisterBank(wiring.Component):
     def __init__(self, registers):
         self.registers = registers
         super().__init__(
-            {
-                "bus": In(payloads.register_bus()),
-                "values": Out(layout_of(registers, "stored", "flag", "sticky")),
-                "status": In(layout_of(registers, "status")),
-                "set": In(layout_of(registers, "sticky", width=1)),
-                "clear": In(layout_of(registers, "flag", width=1)),
-                "commands": Out(layout_of(registers, "command")),
-            }
+            bus=In(payloads.register_bus()),
+            values=Out(layout_of(registers, "stored", "flag", "sticky")),
+            status=In(layout_of(registers, "status")),
+            set=In(layout_of(registers, "sticky", width=1)),
+            clear=In(layout_of(registers, "flag", width=1)),
+            commands=Out(layout_of(registers, "command")),
         )
 
     def elaborate(self, platform):

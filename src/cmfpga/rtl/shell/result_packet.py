@@ -4,12 +4,13 @@ import functools
 import operator
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
-from amaranth.lib import memory, stream, wiring
+from amaranth.lib import memory, stream
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from ...protocol.flags import Flag
 from ...protocol.results import packet_beats
+from .. import Block
 from .. import payloads as core
 from ..regions.payloads import region_result
 from . import payloads
@@ -27,7 +28,7 @@ def value_of(result, link):
     return result[outer][link[len(outer) + 1 :]]
 
 
-class ResultPacket(wiring.Component):
+class ResultPacket(Block):
     """Copies a result into a memory, one of :func:`packet_beats` words a cycle, and takes it with the last one.
 
     With a table of regions, the results of a batch make one packet, a record of so many words each.
@@ -71,22 +72,20 @@ class ResultPacket(wiring.Component):
     latency = 2
 
     def __init__(self, config, registers):
-        self.config = config
         self.registers = registers
         self.beats = packet_beats(config)
         assert self.beats <= 1 << BEAT_BITS
         result = (region_result if config.regions else core.result)(config)
         super().__init__(
-            {
-                "i": In(stream.Signature(result)),
-                "o": Out(stream.Signature(payloads.beat())),
-                **dict.fromkeys(("wire", "config_range", "stream_results", "hold", "wait", "forget", "read"), In(1)),
-                "address": In(BEAT_BITS),
-                "words": Out(payloads.DATA_BITS),
-                "any_shown": Out(1),
-                "written": Out(payloads.DATA_BITS),
-                **dict.fromkeys(("begun", "taken", "stalled", "held", "writing", "sending"), Out(1)),
-            }
+            config,
+            i=In(stream.Signature(result)),
+            o=Out(stream.Signature(payloads.beat())),
+            **dict.fromkeys(("wire", "config_range", "stream_results", "hold", "wait", "forget", "read"), In(1)),
+            address=In(BEAT_BITS),
+            words=Out(payloads.DATA_BITS),
+            any_shown=Out(1),
+            written=Out(payloads.DATA_BITS),
+            **dict.fromkeys(("begun", "taken", "stalled", "held", "writing", "sending"), Out(1)),
         )
         self.open = Signal()  # words of a packet are still to be read
 

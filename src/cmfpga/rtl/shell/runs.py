@@ -1,14 +1,15 @@
 """Runs: what the shell has beside a core whose windows slide, in place of where batches end."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import stream
 from amaranth.lib.wiring import In, Out
 
+from .. import Block
 from .. import payloads as core
 from . import payloads
 
 
-class RunEnd(wiring.Component):
+class RunEnd(Block):
     """Passes the events of a run on, and ends it on command: the core then goes back to its state behind a reset.
 
     A run begins with an event, when it may. No event waits for the next one. The command takes effect when the events
@@ -42,14 +43,12 @@ class RunEnd(wiring.Component):
     latency = 0
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.sensor_token(config))),
-                "o": Out(stream.Signature(core.event(config))),
-                **dict.fromkeys(("go", "opened", "end_batch", "idle", "busy"), In(1)),
-                **dict.fromkeys(("taking_in", "holding", "ending", "ended", "empty_end"), Out(1)),
-            }
+            config,
+            i=In(stream.Signature(payloads.sensor_token(config))),
+            o=Out(stream.Signature(core.event(config))),
+            **dict.fromkeys(("go", "opened", "end_batch", "idle", "busy"), In(1)),
+            **dict.fromkeys(("taking_in", "holding", "ending", "ended", "empty_end"), Out(1)),
         )
 
     def elaborate(self, platform):
@@ -78,7 +77,7 @@ class RunEnd(wiring.Component):
         return m
 
 
-class HopResults(wiring.Component):
+class HopResults(Block):
     """Chooses the results that are sent, the first of every so many, and counts the others.
 
     Members
@@ -97,14 +96,12 @@ class HopResults(wiring.Component):
 
     def __init__(self):
         super().__init__(
-            {
-                "every": In(16),
-                **dict.fromkeys(("begun", "restart", "clear"), In(1)),
-                "due": Out(1),
-                "sent": Out(1),
-                "beat": Out(5),
-                "skipped": Out(32),
-            }
+            every=In(16),
+            **dict.fromkeys(("begun", "restart", "clear"), In(1)),
+            due=Out(1),
+            sent=Out(1),
+            beat=Out(5),
+            skipped=Out(32),
         )
 
     def elaborate(self, platform):

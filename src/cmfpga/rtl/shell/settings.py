@@ -1,9 +1,10 @@
 """Settings: what software wrote, limited to what is allowed, and handed over batch by batch."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import memory, wiring
+from amaranth.lib import memory
 from amaranth.lib.wiring import In, Out
 
+from .. import Block
 from . import payloads
 from .register_bank import in_memory, layout_of, member
 
@@ -11,7 +12,7 @@ from .register_bank import in_memory, layout_of, member
 WORDS = 32
 
 
-class Settings(wiring.Component):
+class Settings(Block):
     """The registers that are stored as whole words, and the settings of the next batch.
 
     A memory keeps the words as they were written. One limiter takes each over, two cycles after it was written; while
@@ -47,20 +48,18 @@ class Settings(wiring.Component):
     fill = WORDS
 
     def __init__(self, config, registers):
-        self.config = config
         self.registers = registers
         self.kept = [register for register in registers if in_memory(register)]
         places = [register.offset // 4 % WORDS for register in self.kept]
         assert len(set(places)) == len(places)
         super().__init__(
-            {
-                "bus": In(payloads.register_bus()),
-                "written": In(layout_of(registers.group("Settings"), "stored", "flag")),
-                "lock": In(1),
-                "opened": In(1),
-                "o": Out(payloads.settings(config)),
-                **dict.fromkeys(("blocking", "out_of_range", "used_roi"), Out(1)),
-            }
+            config,
+            bus=In(payloads.register_bus()),
+            written=In(layout_of(registers.group("Settings"), "stored", "flag")),
+            lock=In(1),
+            opened=In(1),
+            o=Out(payloads.settings(config)),
+            **dict.fromkeys(("blocking", "out_of_range", "used_roi"), Out(1)),
         )
 
     def elaborate(self, platform):

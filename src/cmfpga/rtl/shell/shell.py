@@ -4,7 +4,7 @@ import functools
 import operator
 
 from amaranth.hdl import Cat, ClockDomain, DomainRenamer, Module, Mux, ResetInserter, ResetSignal, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, stream
 from amaranth.lib.wiring import In, Out, connect
 
 from ...protocol.flags import Flag
@@ -12,6 +12,7 @@ from ...protocol.registers.declaration import register_map
 from ...protocol.registers.layout import BASE
 from ...protocol.results import counts_of
 from ...protocol.tables import tables_of
+from .. import Block
 from ..core import Core
 from ..regions.regions import Regions
 from ..sliding.core import SlidingCore
@@ -27,7 +28,7 @@ from .skid_buffer import SkidBuffer
 from .tables import ScheduleStore, Tables
 
 
-class Shell(wiring.Component):
+class Shell(Block):
     """Everything around the core that every board needs::
 
         i ─► skid buffer ─┬─► input path ─► batch end ─► core ─► result packet ─┬─► o
@@ -63,7 +64,6 @@ class Shell(wiring.Component):
     """
 
     def __init__(self, config, *, clock):
-        self.config = config
         self.clock = clock
         self.registers = register_map(config)
         more = {"skips": True} if config.skips else {}
@@ -88,12 +88,11 @@ class Shell(wiring.Component):
         self.outstanding = Signal(3 if config.regions else 2)  # batches that were begun and whose result was not taken
         self.quiet = Signal()  # there are none
         super().__init__(
-            {
-                "bus": In(payloads.register_bus()),
-                "i": In(stream.Signature(payloads.beat())),
-                "o": Out(stream.Signature(payloads.beat())),
-                "irq": Out(1),
-            }
+            config,
+            bus=In(payloads.register_bus()),
+            i=In(stream.Signature(payloads.beat())),
+            o=Out(stream.Signature(payloads.beat())),
+            irq=Out(1),
         )
 
     @property

@@ -1,11 +1,13 @@
 """Skid buffer: cuts every combinational path of a stream, at no loss of rate."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import memory, stream, wiring
+from amaranth.lib import memory, stream
 from amaranth.lib.wiring import In, Out
 
+from .. import Block
 
-class SkidBuffer(wiring.Component):
+
+class SkidBuffer(Block):
     """A memory of two items: ``o.valid`` and ``i.ready`` both come from flip-flops.
 
     One item per cycle; latency :attr:`latency` cycle. ``i.ready`` and ``o.valid`` are low in a reset and in the cycle
@@ -27,7 +29,7 @@ class SkidBuffer(wiring.Component):
 
     def __init__(self, layout):
         self._layout = layout
-        super().__init__({"i": In(stream.Signature(layout)), "o": Out(stream.Signature(layout)), "empty": Out(1)})
+        super().__init__(i=In(stream.Signature(layout)), o=Out(stream.Signature(layout)), empty=Out(1))
 
     def elaborate(self, platform):
         m = Module()

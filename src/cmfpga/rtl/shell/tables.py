@@ -1,12 +1,13 @@
 """Tables of the core that software fills between batches: rows by a window of registers, and the schedules."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, memory, wiring
+from amaranth.lib import data, memory
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ...fixed import bits_for
 from ...protocol.regions import STARTS
 from ...protocol.tables import tables_of, window_of
+from .. import Block
 from .. import payloads as core
 from ..regions.payloads import row_write
 from . import payloads
@@ -25,7 +26,7 @@ def leaves_of(view, prefix=""):
     return found
 
 
-class TableWindow(wiring.Component):
+class TableWindow(Block):
     """A row in registers; writing the last register writes it into the table, as soon as no batch is under way.
 
     While it waits, no batch may begin, and a write to the registers is refused. So is a row with a field out of range,
@@ -56,12 +57,10 @@ class TableWindow(wiring.Component):
     def __init__(self, registers, layout):
         self.registers = registers
         super().__init__(
-            {
-                "bus": In(payloads.register_bus()),
-                **dict.fromkeys(("quiet", "allowed"), In(1)),
-                "o": Out(core.flow(layout)),
-                **dict.fromkeys(("pending", "refused"), Out(1)),
-            }
+            bus=In(payloads.register_bus()),
+            **dict.fromkeys(("quiet", "allowed"), In(1)),
+            o=Out(core.flow(layout)),
+            **dict.fromkeys(("pending", "refused"), Out(1)),
         )
 
     def elaborate(self, platform):
@@ -101,7 +100,7 @@ class TableWindow(wiring.Component):
         return word[width:].any() | more
 
 
-class KnownRows(wiring.Component):
+class KnownRows(Block):
     """How many rows of the table of regions are known: written since the reset, and in use in the batch before.
 
     Members
@@ -118,15 +117,13 @@ class KnownRows(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "write": In(core.flow(row_write(config))),
-                "allowed": Out(1),
-                "opened": In(1),
-                "rows": In(core.settings(config)["rows"].shape),
-                "missing": Out(1),
-            }
+            config,
+            write=In(core.flow(row_write(config))),
+            allowed=Out(1),
+            opened=In(1),
+            rows=In(core.settings(config)["rows"].shape),
+            missing=Out(1),
         )
 
     def elaborate(self, platform):
@@ -145,7 +142,7 @@ class KnownRows(wiring.Component):
         return m
 
 
-class Tables(wiring.Component):
+class Tables(Block):
     """The windows of all tables.
 
     Members
@@ -167,20 +164,18 @@ class Tables(wiring.Component):
     """
 
     def __init__(self, config, registers):
-        self.config = config
         self.windows = {
             name: TableWindow(window_of(registers, name), WRITES[name](config)) for name in tables_of(config)
         }
         self.writes = [f"{name}_write" for name in self.windows]
         super().__init__(
-            {
-                "bus": In(payloads.register_bus()),
-                **dict.fromkeys(("quiet", "opened", "clear"), In(1)),
-                "settings": In(core.settings(config)),
-                **dict.fromkeys(("pending", "rows_missing"), Out(1)),
-                "refused": Out(16),
-                **{f"{name}_write": window.signature.members["o"] for name, window in self.windows.items()},
-            }
+            config,
+            bus=In(payloads.register_bus()),
+            **dict.fromkeys(("quiet", "opened", "clear"), In(1)),
+            settings=In(core.settings(config)),
+            **dict.fromkeys(("pending", "rows_missing"), Out(1)),
+            refused=Out(16),
+            **{f"{name}_write": window.signature.members["o"] for name, window in self.windows.items()},
         )
 
     def elaborate(self, platform):
@@ -211,7 +206,7 @@ class Tables(wiring.Component):
         return m
 
 
-class ScheduleStore(wiring.Component):
+class ScheduleStore(Block):
     """Holds what software wrote. Once something was, and no batch is under way, the entries up to the last one written
     since the reset are copied into the core's table, one a cycle; until then no batch may begin.
 
@@ -237,16 +232,14 @@ class ScheduleStore(wiring.Component):
     """
 
     def __init__(self, config, register):
-        self.config = config
         self.register = register
         super().__init__(
-            {
-                "bus": In(payloads.register_bus()),
-                "lock": In(1),
-                "quiet": In(1),
-                "o": Out(core.flow(core.schedule_write(config))),
-                **dict.fromkeys(("pending", "blocking", "limited"), Out(1)),
-            }
+            config,
+            bus=In(payloads.register_bus()),
+            lock=In(1),
+            quiet=In(1),
+            o=Out(core.flow(core.schedule_write(config))),
+            **dict.fromkeys(("pending", "blocking", "limited"), Out(1)),
         )
 
     def elaborate(self, platform):

@@ -2,18 +2,18 @@
 
 from types import SimpleNamespace
 
-from amaranth.hdl import Module, Mux, Shape, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.hdl import Mux, Shape, Signal
+from amaranth.lib import data, stream
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ...protocol.flags import Flag
 from ...protocol.results import fields_of
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, is_short
-from ..ingest import WRITES, connect_front, make_front
+from ..ingest import connect_front, make_front, write_ports
 from ..ingest.reciprocal import Reciprocal
-from ..iterating import Iterating
+from ..iterating import Iterating, boxes_of
 from .hop_control import HopControl
 from .hop_evaluation import AFTER, HopEvaluation
 from .roi_carrier import RoiCarrier
@@ -23,7 +23,7 @@ from .walker import Walker
 NOTHING = ("overflow", "time_span", "restarted")
 
 
-class SlidingCore(Iterating, wiring.Component):
+class SlidingCore(Iterating, Block):
     """Contrast Maximization of the newest events, as :mod:`cmfpga.reference.integer.sliding` says::
 
         i ─► hop control ─► ring ─► placer ─► scaler ─► evaluators ─► images
@@ -76,19 +76,13 @@ class SlidingCore(Iterating, wiring.Component):
         self._make_iterating()
         self.image.check(self.iteration_latency)
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.event(config))),
-                "o": Out(stream.Signature(payloads.result(config))),
-                "settings": In(payloads.settings(config)),
-                "trace": Out(payloads.flow(payloads.trace(config))),
-                **dict.fromkeys(("begins", "busy"), Out(1)),
-                "schedule_write": self.ascent.signature.members["schedule_write"],
-                **{
-                    write: self.front[name].signature.members["write"]
-                    for name, write in WRITES.items()
-                    if name in self.front
-                },
-            }
+            i=In(stream.Signature(payloads.event(config))),
+            o=Out(stream.Signature(payloads.result(config))),
+            settings=In(payloads.settings(config)),
+            trace=Out(payloads.flow(payloads.trace(config))),
+            **dict.fromkeys(("begins", "busy"), Out(1)),
+            schedule_write=self.ascent.signature.members["schedule_write"],
+            **write_ports(self.front),
         )
 
     def _make_control(self, move, settle):
@@ -129,15 +123,12 @@ class SlidingCore(Iterating, wiring.Component):
     @property
     def boxes(self):
         """What stands directly in the core, by name, in the order of data flow."""
-        first = ("hop_control", "event_buffer", "walker", "reciprocal")
+        first = (self.front, "hop_control", "event_buffer", "walker", "reciprocal", self.path.boxes)
         last = ("image", "gradient", "means", "ascent", "judge", "roi_carrier", "iteration_control")
-        first, last = ({name: getattr(self, name) for name in names} for names in (first, last))
-        boxes = [self.front, first, self.path.boxes, last]
-        return {name: block for part in boxes for name, block in part.items() if block is not None}
+        return boxes_of(self, *first, *last)
 
     def elaborate(self, platform):
-        m = Module()
-        self._add_boxes(m)
+        m = self._with_boxes()
         hop = self._take_in(m)
         control, walker, carrier = self.iteration_control, self.walker, self.roi_carrier
         settings, unit = control.run.settings, control.unit
@@ -281,21 +272,6 @@ class SlidingCore(Iterating, wiring.Component):
         been = Signal()
         m.d.sync += been.eq(been | value)
         return been
-
-    def _confide(self, m, events):
-        """The verdict of the window's own last round, or of the one that judges it."""
-        control, verdict = self.iteration_control, self.judge
-        judged = Signal(name="judged")
-        m.d.sync += judged.eq((judged | verdict.done) & ~control.run.take)
-        m.d.comb += [
-            verdict.begin.eq(self.means.done & control.run.final & control.wants_verdict),
-            verdict.sum_i.eq(self.means.o.i),
-            verdict.squares.eq(self.means.o_squares),
-            verdict.curvature.eq(self.ascent.curvature),
-            verdict.events.eq(events),
-            verdict.limit.eq(control.run.settings.confidence_limit),
-            control.judged.eq(judged),
-        ]
 
     def _result(self, m, hop, corner, cropped, late, outside):
         """Nothing of this changes while a result waits."""

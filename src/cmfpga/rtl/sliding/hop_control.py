@@ -1,12 +1,12 @@
 """Hop control: takes events in, and says where a hop ends."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, stream
 from amaranth.lib.wiring import In, Out
 
 from ...config.widths import Widths
 from ...fixed import bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 from .ring import address_bits, ring_event
 from .walker import lengths
@@ -19,7 +19,7 @@ def hop_counts(config):
     return data.StructLayout(dict.fromkeys(names, bits_for(config.max_batch_events)))
 
 
-class HopControl(wiring.Component):
+class HopControl(Block):
     """Passes the events of the ROI on to the ring, and closes a hop with the ``hop_events``-th of them.
 
     Or before the first event, wherever on the sensor, that comes ``hop_us`` or more after the last hop closed; or with
@@ -65,24 +65,22 @@ class HopControl(wiring.Component):
     latency = 4
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(stream.Signature(payloads.undistorted_event(config))),
-                "o": Out(payloads.flow(ring_event(config))),
-                "lengths": In(lengths(config)),
-                "thinning": In(Widths.thinning_bits, init=1),
-                "corner": In(payloads.roi_corner(config)),
-                "free": In(1),
-                "oldest": In(address_bits(config)),
-                "closed": Out(1),
-                "end": Out(address_bits(config)),
-                "now": Out(config.time_bits),
-                "step": Out(config.span_bits),
-                "stale": Out(1),
-                "counts": Out(hop_counts(config)),
-                "waits": Out(1),
-            }
+            config,
+            i=In(stream.Signature(payloads.undistorted_event(config))),
+            o=Out(payloads.flow(ring_event(config))),
+            lengths=In(lengths(config)),
+            thinning=In(Widths.thinning_bits, init=1),
+            corner=In(payloads.roi_corner(config)),
+            free=In(1),
+            oldest=In(address_bits(config)),
+            closed=Out(1),
+            end=Out(address_bits(config)),
+            now=Out(config.time_bits),
+            step=Out(config.span_bits),
+            stale=Out(1),
+            counts=Out(hop_counts(config)),
+            waits=Out(1),
         )
 
     def elaborate(self, platform):

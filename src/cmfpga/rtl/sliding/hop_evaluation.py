@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...protocol.results import CYCLE_BITS
 from ...protocol.settings import PLANS
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 from ..ascent.ascent import ascent_run
 from .ring import address_bits
@@ -31,7 +31,7 @@ def hop(config):
     )
 
 
-class HopEvaluation(wiring.Component):
+class HopEvaluation(Block):
     """Runs the rounds of one hop after the other, in a state machine.
 
     OPEN, LOAD, LOADED
@@ -107,17 +107,15 @@ class HopEvaluation(wiring.Component):
             "move", "cold", "walk", "keep", "kept", "degenerate",
         )  # fmt: skip
         super().__init__(
-            {
-                **dict.fromkeys(inputs, In(1)),
-                **dict.fromkeys(outputs, Out(1)),
-                "given": In(payloads.settings(config)),
-                "hop": In(hop(config)),
-                "run": Out(ascent_run(config)),
-                "unit": Out(config.span_bits),
-                "since": Out(signed(config.span_bits + 1)),
-                "iterations": Out(config.widths.iteration_bits),
-                "cycles": Out(CYCLE_BITS),
-            }
+            **dict.fromkeys(inputs, In(1)),
+            **dict.fromkeys(outputs, Out(1)),
+            given=In(payloads.settings(config)),
+            hop=In(hop(config)),
+            run=Out(ascent_run(config)),
+            unit=Out(config.span_bits),
+            since=Out(signed(config.span_bits + 1)),
+            iterations=Out(config.widths.iteration_bits),
+            cycles=Out(CYCLE_BITS),
         )
 
     def elaborate(self, platform):

@@ -1,12 +1,11 @@
 """Placer: where and when an event of the ring lies in the window that is evaluated."""
 
 from amaranth.hdl import Cat, Const, Module, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...config.dither import DITHER_BITS, FACTORS
 from ...fixed import Q, bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 from .ring import ring_event
 
@@ -37,7 +36,7 @@ def _whole_bits(config):
     return {axis: event[axis].width - config.formats.event_frac for axis in "xy"}
 
 
-class Placer(wiring.Component):
+class Placer(Block):
     """Subtracts the window's first time and the image's corner, and adds the dither, if there is one.
 
     The dither goes on from event to event, from the phase that the walker gives.
@@ -60,17 +59,15 @@ class Placer(wiring.Component):
     latency = 2
 
     def __init__(self, config):
-        self.config = config
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.layout(**ring_event(config).members, last=1))),
-                "o": Out(payloads.flow(placed_event(config))),
-                "start": In(1),
-                "phase_x": In(DITHER_BITS),
-                "phase_y": In(DITHER_BITS),
-                "t_first": In(config.span_bits),
-                "corner": In(payloads.roi_corner(config)),
-            }
+            config,
+            i=In(payloads.flow(payloads.layout(**ring_event(config).members, last=1))),
+            o=Out(payloads.flow(placed_event(config))),
+            start=In(1),
+            phase_x=In(DITHER_BITS),
+            phase_y=In(DITHER_BITS),
+            t_first=In(config.span_bits),
+            corner=In(payloads.roi_corner(config)),
         )
 
     def elaborate(self, platform):

@@ -1,11 +1,11 @@
 """Ring: keeps the newest events of the ROI, and replays a window of them while others are written."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import memory, wiring
+from amaranth.lib import memory
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay
 from ..image.sliced_memory import SHALLOW, SlicedMemory
 
@@ -26,7 +26,7 @@ def address_bits(config):
     return bits_for(config.buffer_events)
 
 
-class Ring(wiring.Component):
+class Ring(Block):
     """Stores events one after the other, the newest in place of the oldest, and replays those from ``first`` on.
 
     A replay follows the writes: it goes on with each event that comes, until it is told with which one the window ends.
@@ -65,21 +65,19 @@ class Ring(wiring.Component):
     latency, write_latency = 3, 2
 
     def __init__(self, config):
-        self.config = config
         place, event = address_bits(config), ring_event(config)
         super().__init__(
-            {
-                "i": In(payloads.flow(event)),
-                "o": Out(payloads.flow(payloads.layout(**event.members, last=1))),
-                "written": Out(place),
-                "replay": In(1),
-                "first": In(place),
-                "closed": In(1),
-                "end": In(place),
-                "room": In(1, init=1),
-                "look": In(place),
-                "idle": Out(1, init=1),
-            }
+            config,
+            i=In(payloads.flow(event)),
+            o=Out(payloads.flow(payloads.layout(**event.members, last=1))),
+            written=Out(place),
+            replay=In(1),
+            first=In(place),
+            closed=In(1),
+            end=In(place),
+            room=In(1, init=1),
+            look=In(place),
+            idle=Out(1, init=1),
         )
 
     def elaborate(self, platform):

@@ -1,15 +1,14 @@
 """ROI carrier: carries the ROI on from reference time to reference time."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, half_of, round_half_up
-from .. import payloads
+from .. import Block, payloads
 from ..arithmetic import delay, saturate
 
 
-class RoiCarrier(wiring.Component):
+class RoiCarrier(Block):
     """c ← c − v·since, limited to the sensor: the corner at the window's reference time.
 
     ``since`` is the last reference time as an event of this window has it, scaled: below 0. A window that starts cold
@@ -38,20 +37,18 @@ class RoiCarrier(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
         bits = config.formats.dt.width
         self.latency = bits + 5
         where = payloads.roi_corner(config)
         super().__init__(
-            {
-                **dict.fromkeys(("load", "move", "cold"), In(1)),
-                "v": In(payloads.velocity(config)),
-                "since": In(signed(bits)),
-                "crop": In(where),
-                "image": Out(where),
-                "next_crop": Out(where),
-                "clamped": Out(1),
-            }
+            config,
+            **dict.fromkeys(("load", "move", "cold"), In(1)),
+            v=In(payloads.velocity(config)),
+            since=In(signed(bits)),
+            crop=In(where),
+            image=Out(where),
+            next_crop=Out(where),
+            clamped=Out(1),
         )
 
     def elaborate(self, platform):

@@ -1,11 +1,12 @@
 """Walker: where the next window begins."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
 from ...config.dither import DITHER_BITS, FACTORS
 from ...fixed import bits_for
+from .. import Block
 from ..arithmetic import delay
 from .ring import Ring, address_bits
 
@@ -16,7 +17,7 @@ def lengths(config):
     return data.StructLayout({"window_events": count, "window_us": time, "hop_events": count, "hop_us": time})
 
 
-class Walker(wiring.Component):
+class Walker(Block):
     """Moves the begin b of the window on when a hop has closed, as far as the next hop's events ask for it.
 
     Dropped are more than ``window_events`` − ``hop_events``, and events that were older than ``window_us`` − ``hop_us``
@@ -49,23 +50,21 @@ class Walker(wiring.Component):
     latency = Ring.latency + 3
 
     def __init__(self, config):
-        self.config = config
         place = address_bits(config)
         super().__init__(
-            {
-                "go": In(1),
-                "end": In(place),
-                "now": In(config.span_bits),
-                "stale": In(1),
-                "lengths": In(lengths(config)),
-                "look": Out(place),
-                "t": In(config.span_bits),
-                "done": Out(1),
-                "begin": Out(place),
-                "t_first": Out(config.span_bits),
-                "empty": Out(1, init=1),
-                **{f"phase_{axis}": Out(DITHER_BITS, init=f // 2) for axis, f in zip("xy", FACTORS, strict=True)},
-            }
+            config,
+            go=In(1),
+            end=In(place),
+            now=In(config.span_bits),
+            stale=In(1),
+            lengths=In(lengths(config)),
+            look=Out(place),
+            t=In(config.span_bits),
+            done=Out(1),
+            begin=Out(place),
+            t_first=Out(config.span_bits),
+            empty=Out(1, init=1),
+            **{f"phase_{axis}": Out(DITHER_BITS, init=f // 2) for axis, f in zip("xy", FACTORS, strict=True)},
         )
 
     def elaborate(self, platform):

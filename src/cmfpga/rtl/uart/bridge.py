@@ -1,10 +1,11 @@
 """Bridge: the requests of a serial link to a shell's registers and words, and its packets to frames."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, stream
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ...protocol import link
+from .. import Block
 from ..shell import payloads
 from ..shell.register_bank import RegisterBank
 from .frames import FrameBuffer, FrameReader, FrameWriter
@@ -13,7 +14,7 @@ from .frames import FrameBuffer, FrameReader, FrameWriter
 OWN = tuple(name for name in link.COUNTERS if not name.startswith("cpi_"))
 
 
-class Bridge(wiring.Component):
+class Bridge(Block):
     """Carries out requests one by one, and answers each (:mod:`cmfpga.protocol.link`).
 
     Parameters
@@ -46,16 +47,14 @@ class Bridge(wiring.Component):
         self.bank = RegisterBank(link.REGISTERS)
         byte, beat = stream.Signature(8), stream.Signature(payloads.beat())
         super().__init__(
-            {
-                "received": In(stream.Signature(8, always_ready=True)),
-                **dict.fromkeys(("error", "beat"), In(1)),
-                "sent": Out(byte),
-                "bus": Out(payloads.register_bus()),
-                "words": Out(beat),
-                "packets": In(beat),
-                "source": Out(data.StructLayout({f.name.lower(): 1 for f in link.REGISTERS["LINK_SOURCE"].fields})),
-                "counted": In(data.StructLayout({name: 32 for name in link.CPI_COUNTERS})),
-            }
+            received=In(stream.Signature(8, always_ready=True)),
+            **dict.fromkeys(("error", "beat"), In(1)),
+            sent=Out(byte),
+            bus=Out(payloads.register_bus()),
+            words=Out(beat),
+            packets=In(beat),
+            source=Out(data.StructLayout({f.name.lower(): 1 for f in link.REGISTERS["LINK_SOURCE"].fields})),
+            counted=In(data.StructLayout({name: 32 for name in link.CPI_COUNTERS})),
         )
 
     def elaborate(self, platform):

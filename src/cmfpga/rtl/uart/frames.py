@@ -1,11 +1,12 @@
 """Frames of the serial link (:mod:`cmfpga.protocol.link`) from bytes, bytes of frames, and a buffer for their words."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib import data, memory, stream
 from amaranth.lib.crc import catalog
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.link import END, ESCAPE, ESCAPED_END, ESCAPED_ESCAPE
+from .. import Block
 from ..shell import payloads
 
 
@@ -14,7 +15,7 @@ def crc():
     return catalog.CRC16_IBM_3740(data_width=8).create()
 
 
-class FrameReader(wiring.Component):
+class FrameReader(Block):
     """Takes escapes and CRC away. A byte leaves when two more have come, since those may be the CRC.
 
     Members
@@ -29,7 +30,7 @@ class FrameReader(wiring.Component):
 
     def __init__(self):
         byte = stream.Signature(8, always_ready=True)
-        super().__init__({"i": In(byte), "error": In(1), "o": Out(byte), "end": Out(1), "bad": Out(1)})
+        super().__init__(i=In(byte), error=In(1), o=Out(byte), end=Out(1), bad=Out(1))
 
     def elaborate(self, platform):
         m = Module()
@@ -66,7 +67,7 @@ class FrameReader(wiring.Component):
         return m
 
 
-class FrameWriter(wiring.Component):
+class FrameWriter(Block):
     """Puts a CRC behind each frame, escapes, and :data:`~cmfpga.protocol.link.END` before and behind it.
 
     Members
@@ -77,7 +78,7 @@ class FrameWriter(wiring.Component):
 
     def __init__(self):
         byte = data.StructLayout({"byte": 8, "last": 1})
-        super().__init__({"i": In(stream.Signature(byte)), "o": Out(stream.Signature(8))})
+        super().__init__(i=In(stream.Signature(byte)), o=Out(stream.Signature(8)))
 
     def elaborate(self, platform):
         m = Module()
@@ -124,7 +125,7 @@ class FrameWriter(wiring.Component):
 ABSENT = 0xFFFFFFFF
 
 
-class FrameBuffer(wiring.Component):
+class FrameBuffer(Block):
     """Two words make a beat, the lower one first. A beat takes five cycles or more, a word of a serial line hundreds.
 
     Parameters
@@ -152,13 +153,11 @@ class FrameBuffer(wiring.Component):
     def __init__(self, depth):
         self._depth = depth
         super().__init__(
-            {
-                "i": In(stream.Signature(32, always_ready=True)),
-                **dict.fromkeys(("drop", "keep", "last", "flush"), In(1)),
-                "full": Out(1),
-                "o": Out(stream.Signature(payloads.beat())),
-                "waiting": Out(range(depth)),
-            }
+            i=In(stream.Signature(32, always_ready=True)),
+            **dict.fromkeys(("drop", "keep", "last", "flush"), In(1)),
+            full=Out(1),
+            o=Out(stream.Signature(payloads.beat())),
+            waiting=Out(range(depth)),
         )
 
     def elaborate(self, platform):

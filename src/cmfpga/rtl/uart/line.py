@@ -1,12 +1,14 @@
 """Serial line: bytes from and to one wire, 8 bits, no parity, one stop bit."""
 
 from amaranth.hdl import Cat, Const, Module, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import stream
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
+from .. import Block
 
-class Receiver(wiring.Component):
+
+class Receiver(Block):
     """Takes each bit in its middle, counted from the falling edge of the start bit.
 
     Parameters
@@ -25,7 +27,7 @@ class Receiver(wiring.Component):
 
     def __init__(self, divisor):
         self._divisor = divisor
-        super().__init__({"wire": In(1, init=1), "o": Out(stream.Signature(8, always_ready=True)), "error": Out(1)})
+        super().__init__(wire=In(1, init=1), o=Out(stream.Signature(8, always_ready=True)), error=Out(1))
 
     def elaborate(self, platform):
         m = Module()
@@ -54,7 +56,7 @@ class Receiver(wiring.Component):
         return m
 
 
-class Transmitter(wiring.Component):
+class Transmitter(Block):
     """A byte every ten bits, one after the other without a pause.
 
     Parameters
@@ -70,7 +72,7 @@ class Transmitter(wiring.Component):
 
     def __init__(self, divisor):
         self._divisor = divisor
-        super().__init__({"i": In(stream.Signature(8)), "wire": Out(1, init=1)})
+        super().__init__(i=In(stream.Signature(8)), wire=Out(1, init=1))
 
     def elaborate(self, platform):
         m = Module()
