@@ -93,7 +93,7 @@ def test_the_first_window_is_borne_out_by_none_before_it():
 
 def test_where_the_confidence_is_nearly_enough_windows_are_longer(monkeypatch):
     """Few events of a noisy scene, as sharp as half of what a clear one is: no window is trusted otherwise."""
-    (known,) = drawn(1)
+    (known,) = drawn(1, 1, "usual")
     options = {"sensor": known.sensor, "roi": known.rois[0], "engine": "model", "batches": 60}
     longer = cmfpga.track(known.events, **options)
     monkeypatch.setattr(sliding, "NEARLY", np.inf)
