@@ -1,5 +1,7 @@
 """Estimates of resources: stored baselines, so that growth is noticed; and what Yosys says is not misread."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from cmfpga.boards import DEFAULT
@@ -113,6 +115,19 @@ def test_what_is_kept_is_measured_again_where_it_changes(monkeypatch):
         assert update.current("a", *other, lambda: "measured") == "measured"
     monkeypatch.setattr(resources, "require_yosys", lambda: "0.1")
     assert update.current("a", row, text, lambda: "measured") == "measured"
+
+
+def test_words_about_what_counts_are_not_what_counts(tmp_path):
+    texts = (
+        '"""A."""\ndef f():\n    """B."""\n    return 1\n',
+        'def f():  # C\n    """D."""\n    return 1\n',
+        "def f():\n    return 2\n",
+    )
+    found = []
+    for text in texts:
+        (tmp_path / "counts.py").write_text(text)
+        found.append(update.code_of(SimpleNamespace(__file__=tmp_path / "counts.py")).removeprefix("pass\n"))
+    assert found[0].strip() == found[1].strip() != found[2].strip()
 
 
 def test_a_row_is_measured_again_where_it_is_asked_for(monkeypatch):
