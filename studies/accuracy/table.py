@@ -80,7 +80,7 @@ SHARES = {
     "articles_at_least_97_percent": (
         "≥ 97 % of the article's best, %", lambda found: np.mean(found[:, 1] >= 0.97), percent,
     ),
-    "batches_that_drop_events": ("batches that drop events", lambda found: np.count_nonzero(found[:, 2]), str),
+    "batches_that_drop_events": ("batches that drop events", lambda found: int(np.count_nonzero(found[:, 2])), str),
 }  # fmt: skip
 
 

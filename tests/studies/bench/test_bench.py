@@ -12,6 +12,7 @@ import pytest
 from studies.bench.cases import make_workload
 from studies.bench.opponents import c_program
 from studies.bench.programs import Times, side_by_side
+from studies.bench.table import table
 
 from cmfpga import cli
 from cmfpga.config import preset
@@ -19,7 +20,7 @@ from cmfpga.rtl.core import Core
 from cmfpga.verilog import description
 from cmfpga.verilog.compiler import find_compiler
 from studies import bench
-from studies.bench import cases, cycles, table
+from studies.bench import cases, cycles
 
 
 def command(*arguments):
@@ -192,7 +193,7 @@ def test_what_is_missing_is_a_line(monkeypatch, capsys):
 def test_a_limit_that_is_broken_is_said(quick):
     numbers = json.loads(json.dumps(quick[0]))
     numbers["cases"][1]["cores"][0]["per_iteration"] = 857
-    lines, limits, _ = table.table(numbers)
+    lines, limits, _ = table(numbers)
     assert not limits[0]["holds"] and any("857; at most 856: FAILS" in line for line in lines)
 
 
