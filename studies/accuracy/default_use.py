@@ -83,9 +83,13 @@ def apart(tracking, kept=None):
     return found
 
 
-def sizes(off, found):
-    """The square of an error (x, y) in deviations of a covariance (xx, yy, xy), px² both; NaN without one."""
+def sizes(off, found, doubt=0.0):
+    """The square of an error (x, y) in deviations of a covariance (xx, yy, xy), px² both; NaN without one.
+
+    ``doubt``: the standard deviation of the truth, px, which adds to it.
+    """
     (x, y), (xx, yy, xy) = off, found or (math.nan,) * 3
+    xx, yy = xx + doubt**2, yy + doubt**2
     return (x * x * yy - 2 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
 
 
@@ -106,7 +110,7 @@ def measure(known, config, engine, *, with_foreign=False):
     for events, result, truth, trusted in batches(known, config, engine):
         motion, doubt = np.hypot(*truth), known.doubt_px + known.doubt * (int(events.t[-1]) - int(events.t[0])) / 2e6
         rest, off = (motion, doubt), result.v - truth
-        size = sizes(off, covariance(config, result))
+        size = sizes(off, covariance(config, result), doubt)
         values[engine].append((Flag.DEGENERATE not in result.flags, trusted, np.hypot(*off), *rest, size))
         if with_foreign:
             v, gain = find(events, result.roi, ROI, ROI)

@@ -64,7 +64,8 @@ def drawn(known, count):
         if len(index) < FEWEST:
             continue
         truth = known.truth(int(part.t[0]), int(part.t[-1]), x + float(left), y + float(top))
-        made.append(_case(part, (left, top), np.asarray(truth) * _span(part) / 2e6, rng))
+        half_s = _span(part) / 2e6
+        made.append(_case(part, (left, top), np.asarray(truth) * half_s, rng, doubt=known.doubt * half_s))
         if len(made) == count:
             break
     return [case for case in made if case]
@@ -90,7 +91,7 @@ def judge(engine, cases, *, warm, progress):
         result = run_case(engine, case, warm=warm)
         kappa = confidence(engine.config, result)
         sure, (x, y) = is_trustworthy(engine.config, result), np.subtract(result.v, case.truth)
-        size = sizes((x, y), covariance(engine.config, result))
+        size = sizes((x, y), covariance(engine.config, result), case.facts.get("doubt", 0.0))
         found.append((math.hypot(x, y), -math.inf if kappa is None else kappa, sure, size))
     return np.array(found, float).reshape(-1, 4)
 

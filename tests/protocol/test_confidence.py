@@ -2,7 +2,7 @@
 
 import inspect
 from fractions import Fraction
-from math import hypot
+from math import hypot, sqrt
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.protocol import confidence as module
 from cmfpga.protocol.confidence import (
-    FLOOR,
+    CALIBRATED_AT,
     PROBE,
     Curvature,
     beside,
@@ -137,7 +137,7 @@ def peak(n, hessian, contrast_of_all):
 
 
 def test_confidence_and_covariance_of_a_known_peak():
-    """κ = λ_min·n/C, and the covariance is the inverse of the information, with a floor."""
+    """κ = λ_min·n/C, and the covariance is the inverse of the information, by the root of all ROI events."""
     n, contrast_of_all = 800, 4096 * 500_000
     hessian = 40_000.0, 90_000.0, 20_000.0  # of −ΣD·… in units of S: −∂²C/∂v² = 2·h/P
     outcome = peak(n, hessian, contrast_of_all)
@@ -146,9 +146,10 @@ def test_confidence_and_covariance_of_a_known_peak():
     wanted = (xx + yy) / 2 - hypot((xx - yy) / 2, xy)
     assert confidence(CONFIG, outcome) == pytest.approx(wanted, rel=1e-3) and wanted > 30
     inverse = np.linalg.inv([[xx, xy], [xy, yy]])
-    assert covariance(CONFIG, outcome) == pytest.approx(
-        (inverse[0, 0] + FLOOR**2, inverse[1, 1] + FLOOR**2, inverse[0, 1]), rel=1e-3
-    )
+    told = np.array([inverse[0, 0], inverse[1, 1], inverse[0, 1]])
+    assert covariance(CONFIG, outcome) == pytest.approx(told * sqrt(n / CALIBRATED_AT), rel=1e-3)
+    more = changed(outcome, thinned=1900, overflow=100)
+    assert covariance(CONFIG, more) == pytest.approx(told * 2, rel=1e-3), "2,800 of the ROI, stored or not"
     shape, whole = Curvature(*outcome.curvature), contrast(4096, outcome.sums, outcome.sum_squares)
     smaller = Fraction(90) * whole / (4 * n)  # λ_min of the curvature at the limit
     determinant = (shape.xx - smaller) * (shape.yy - smaller) - Fraction(shape.cross, 2) ** 2

@@ -13,7 +13,6 @@ import numpy as np
 from ..errors import ConfigError
 from ..events import generate
 from ..imaging.camera import Camera
-from ..protocol.confidence import FLOOR
 
 #: ``{model: names of its parameters, in physical units}``. Position 0 of slopes is the middle of the sensor.
 MODELS = {
@@ -72,9 +71,8 @@ def fit_field(model, window):
         return none
     b = np.moveaxis(basis(model, window.config, window.centres[used]), 2, 0)  # [n, 2, p]
     xx, yy, xy = window.covariance[used].T
-    # What is alike in all tiles, most of the stated floor, says nothing of which tile is the better one.
-    alike = (FLOOR**2 - _OF_ITS_OWN_PX**2) / window.half_s**2
-    xx, yy = xx - alike, yy - alike
+    own = (_OF_ITS_OWN_PX / window.half_s) ** 2
+    xx, yy = xx + own, yy + own
     # Cholesky of the covariance's inverse: rows in standard deviations.
     inverse = np.linalg.inv(np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1))
     white = np.linalg.cholesky(inverse).transpose(0, 2, 1)

@@ -16,9 +16,9 @@ from .flags import Flag
 #: Distance from v at which a batch's last evaluations are, px per half batch.
 PROBE = 0.75
 
-#: Standard deviation of v that no peak is too sharp for, px per half batch: with it the ellipses of batches of known
-#: motion hold about what they say (docs/rounds.md). That of a translation, and of other motions by their name.
-FLOOR, FLOORS = 0.095, {"similarity": 0.07, "rotation": 0.06}
+#: Of so many ROI events, stored or not, the covariance is the inverse of the information. Events of one edge tell the
+#: same, so that it falls with the root of their number: then ellipses hold about what they say (docs/rounds.md).
+CALIBRATED_AT = 700
 
 #: Of less motion, px per half batch, so little is left in the image that the contrast's own peak lies too far out.
 SHORT_PX = 1.5
@@ -148,6 +148,11 @@ def information(config, outcome):
     return factor * xx, factor * yy, factor * cross / 2
 
 
+def _variance(outcome):
+    """The variance of v along an axis, as a share of the inverse of the information along it."""
+    return sqrt((outcome.roi_events + outcome.thinned + outcome.overflow) / CALIBRATED_AT)
+
+
 def confidence(config, outcome):
     """κ, per px²: the information along the direction in which v is known worst; 1/√κ px is its standard deviation.
 
@@ -176,7 +181,8 @@ def covariance(config, outcome):
     determinant = xx * yy - xy * xy
     if xx <= 0 or determinant <= 0:
         return None
-    return yy / determinant + FLOOR**2, xx / determinant + FLOOR**2, -xy / determinant
+    share = _variance(outcome) / determinant
+    return share * yy, share * xx, -share * xy
 
 
 def deviations(config, outcome):
@@ -188,6 +194,6 @@ def deviations(config, outcome):
         return None
     if config.motion_model.basis:
         kappa = confidence(config, outcome)
-        return (sqrt(1 / kappa + FLOORS[config.motion] ** 2),) * len(outcome.v) if kappa > 0 else None
+        return (sqrt(_variance(outcome) / kappa),) * len(outcome.v) if kappa > 0 else None
     found = covariance(config, outcome)
     return found and tuple(map(sqrt, found[:2]))

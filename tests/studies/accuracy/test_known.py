@@ -64,8 +64,9 @@ def test_scores():
 
 
 def test_errors_in_deviations():
-    """By hand: 0.2 px along x of sd 0.1, 0.1 px along y of sd 0.2; and where no covariance is stated."""
+    """By hand: 0.2 px along x of sd 0.1, 0.1 px along y of sd 0.2; a doubt; and where no covariance is stated."""
     assert default_use.sizes((0.2, 0.1), (0.01, 0.04, 0.0)) == pytest.approx(4 + 0.25)
+    assert default_use.sizes((0.3, 0.2), (0.08, 0.03, 0.0), doubt=0.1) == pytest.approx(1 + 1)
     assert np.isnan(default_use.sizes((0.2, 0.1), None))
 
 
