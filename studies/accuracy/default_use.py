@@ -146,8 +146,12 @@ def _row(report, what, engine, values, tracks, **more):
         what, engine, decimal(found["truth_known_to_px"]), found["tracks"], found["batches"],
         share("answered", "batches"), share("trusted", "answered"), share("wrong_of_trusted", "trusted"),
         *(decimal(found[name]) for name in ("median_error_of_trusted_px", "median_motion_px")),
-        " / ".join(map(percent, found["in_ellipses"])) or "–",
+        _held(found),
     )  # fmt: skip
+
+
+def _held(found):
+    return " / ".join(map(percent, found["in_ellipses"])) or "–"
 
 
 def run_known(engines, options, config, report):
@@ -254,9 +258,10 @@ def study_drawn(config, engine, cases, real_, report, *, count, seeds, **_):
         values = np.concatenate(values)
         found = report.keep(f"drawn, {kind}, {name}", values, scores(values, len(scenes)))
         whole, trusted, wrong = (found[key] for key in ("batches", "trusted", "wrong_of_trusted"))
-        rows.append((name, kind, len(scenes), whole, trusted, wrong, percent(trusted, whole), percent(wrong, trusted)))
+        shares = percent(trusted, whole), percent(wrong, trusted), _held(found)
+        rows.append((name, kind, len(scenes), whole, trusted, wrong, *shares))
     low, high = DRAWN_SIZE
-    heads = ("preset", "kind", "scenes", "windows", "trusted", "of these wrong", "trusted, %", "wrong, %")
+    heads = ("preset", "kind", "scenes", "windows", "trusted", "of these wrong", "trusted, %", "wrong, %", HEADS[-1])
     report.table(f"Drawn scenes, objects of {low} to {high - 1} px: off by more than {WRONG} px", heads, rows)
 
 
