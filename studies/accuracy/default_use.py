@@ -146,11 +146,12 @@ def _row(report, what, engine, values, tracks, **more):
         what, engine, decimal(found["truth_known_to_px"]), found["tracks"], found["batches"],
         share("answered", "batches"), share("trusted", "answered"), share("wrong_of_trusted", "trusted"),
         *(decimal(found[name]) for name in ("median_error_of_trusted_px", "median_motion_px")),
-        _held(found),
+        held(found),
     )  # fmt: skip
 
 
-def _held(found):
+def held(found):
+    """What the ellipses of some scores hold, as text."""
     return " / ".join(map(percent, found["in_ellipses"])) or "–"
 
 
@@ -258,7 +259,7 @@ def study_drawn(config, engine, cases, real_, report, *, count, seeds, **_):
         values = np.concatenate(values)
         found = report.keep(f"drawn, {kind}, {name}", values, scores(values, len(scenes)))
         whole, trusted, wrong = (found[key] for key in ("batches", "trusted", "wrong_of_trusted"))
-        shares = percent(trusted, whole), percent(wrong, trusted), _held(found)
+        shares = percent(trusted, whole), percent(wrong, trusted), held(found)
         rows.append((name, kind, len(scenes), whole, trusted, wrong, *shares))
     low, high = DRAWN_SIZE
     heads = ("preset", "kind", "scenes", "windows", "trusted", "of these wrong", "trusted, %", "wrong, %", HEADS[-1])

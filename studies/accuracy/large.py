@@ -14,7 +14,7 @@ from cmfpga.dense.window import Run
 from cmfpga.engines import make_engine
 from cmfpga.events import Events, MemoryRecording, generate
 
-from .default_use import WRONG
+from .default_use import WRONG, held, in_ellipses, sizes
 from .table import percent
 
 #: Width and height, and the share that objects cover. Of more events the largest window is too short for 3 px.
@@ -31,7 +31,7 @@ FIELDS = {
 }
 HEADS = (
     "scene", "sensor", "covered, %", "tiles", "before: trusted", "within 0.6 px, %", "after: trusted",
-    "within 0.6 px, %", "right ones kept, %",
+    "within 0.6 px, %", "right ones kept, %", "in the 50, 68, 95 % ellipse, %",
 )  # fmt: skip
 
 
@@ -65,7 +65,10 @@ def scene(name, width, height, share, seed):
 
 
 def measured(name, width, height, share, seed, engine="model"):
-    """The first window of a scene, and the error of each tile, px per half window; NaN of degenerate ones."""
+    """The first window of a scene; each tile's error, px per half window; and that in deviations, squared.
+
+    NaN of degenerate ones, and of those in doubt.
+    """
     events, fields = scene(name, width, height, share, seed)
     recording = MemoryRecording(events, width, height, name)
     with warnings.catch_warnings():
@@ -74,8 +77,12 @@ def measured(name, width, height, share, seed, engine="model"):
     with closing(make_engine(engine, config)) as opened:
         (window,) = Run(recording, opened, tiles, windows=1)
     middle = (np.array([width, height]) - 1) / 2
-    errors = [np.hypot(*(window.v - _at(one, window.centres - middle) * window.half_s).T) for one in fields]
-    return window, np.min(errors, axis=0)
+    off = np.array([(window.v - _at(one, window.centres - middle) * window.half_s).T for one in fields])
+    errors, squares = (
+        np.hypot(*np.moveaxis(off, 1, 0)),
+        sizes(np.moveaxis(off, 1, 0), (*window.covariance.T * window.half_s**2,)),
+    )
+    return window, np.min(errors, axis=0), np.min(squares, axis=0)
 
 
 def study_large(config, engine, cases, real_, report, *, seeds, **_):
@@ -84,21 +91,25 @@ def study_large(config, engine, cases, real_, report, *, seeds, **_):
     for sensor in SENSORS:
         found = {}
         for name in report.progress(FIELDS, "scene"):
-            found[name] = np.zeros(5, int)
+            counts, inside = np.zeros(5, int), []
             for seed in seeds:
-                window, errors = measured(name, *sensor, seed, engine)
+                window, errors, squares = measured(name, *sensor, seed, engine)
                 right, before = errors <= WRONG, window.sure & ~window.short
                 sets = np.isfinite(errors), before, before & right, window.trusted, window.trusted & right
-                found[name] += [int(one.sum()) for one in sets]
-        found["sum"] = sum(found.values())
-        rows += [_row(report, name, sensor, of_it) for name, of_it in found.items()]
+                counts += [int(one.sum()) for one in sets]
+                inside.append(squares[window.trusted])
+            found[name] = counts, np.concatenate(inside)
+        counts, inside = zip(*found.values(), strict=True)
+        found["sum"] = sum(counts), np.concatenate(inside)
+        rows += [_row(report, name, sensor, *of_it) for name, of_it in found.items()]
     report.table("Dense flow on large sensors, windows as chosen: of the trusted tiles", HEADS, rows)
 
 
-def _row(report, name, sensor, found):
+def _row(report, name, sensor, found, squares):
     tiles, before, right, after, still = map(int, found)
     size = f"{sensor[0]}×{sensor[1]}"
     scores = {"tiles": tiles, "before": before, "right_before": right, "after": after, "right_after": still}
+    scores["in_ellipses"] = in_ellipses(squares)
     report.keep(f"large, {name}, {size}, {sensor[2]}", found, scores)
     covered, one, two = f"{100 * sensor[2]:.0f}", percent(right, before), percent(still, after)
-    return name, size, covered, tiles, before, one, after, two, percent(still, right)
+    return name, size, covered, tiles, before, one, after, two, percent(still, right), held(scores)

@@ -28,8 +28,8 @@ def made(model, rng, count=100, noise=0.0, sigma=(5.0, 5.0), turn=0.0):
     v = v + noise * rng.standard_normal((count, 2)) * sigma @ axes.T
     covariance = np.tile((spread[0, 0], spread[1, 1], spread[0, 1]), (count, 1))
     return types.SimpleNamespace(
-        config=CONFIG, centres=at, px_per_s=v, covariance=covariance, sure=np.ones(count, bool),
-        half_s=np.inf,  # these covariances have no floor
+        config=CONFIG, centres=at, px_per_s=v, uncertainty=covariance, sure=np.ones(count, bool),
+        half_s=np.inf,  # then nothing is added to these
     )  # fmt: skip
 
 
@@ -62,7 +62,7 @@ def test_errors_are_those_of_many_fits(rng):
 def test_edges_count_across_themselves(rng):
     """Half of the tiles know their flow along x only, half along y only: together they know it all."""
     one, two = (made("translation", rng, 30, noise=1.0, sigma=s) for s in ((1.0, 400.0), (400.0, 1.0)))
-    for name in ("centres", "px_per_s", "covariance", "sure"):
+    for name in ("centres", "px_per_s", "uncertainty", "sure"):
         setattr(one, name, np.concatenate([getattr(one, name), getattr(two, name)]))
     assert fit_field("translation", one).values == pytest.approx(TRUE["translation"], abs=2.0)
 

@@ -7,9 +7,10 @@ import io
 import numpy as np
 import pytest
 
-from cmfpga.dense.window import TABLE, Window
+from cmfpga.dense.window import BORDER, TABLE, Window
 from cmfpga.imaging.camera import seen
 from cmfpga.imaging.iwe import dithered, image_of_warped_events
+from cmfpga.protocol.confidence import CALIBRATED_AT, uncertainty
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import BatchResult
 from support.flowing import CAMERA, OMEGA, VELOCITY, measured
@@ -51,6 +52,18 @@ def test_counts_are_those_of_the_events_in_each_tile(slid):
     for inside, outcome in zip(in_tiles(slid, slid.events.x, slid.events.y), outcomes, strict=True):
         assert outcome.roi_events + outcome.thinned + outcome.overflow == inside.sum()
     assert [one.roi_events for one in outcomes] == slid.counts.tolist() and slid.outside == 0
+
+
+def test_what_a_tile_states_is_wider_than_a_region_that_follows(slid):
+    root = np.sqrt([one.roi_events + one.thinned + one.overflow for one in slid.tiles.of(slid.result)])
+    sure = slid.sure
+    assert sure.any() and np.isnan(slid.covariance[~sure]).all()
+    wanted = BORDER / CALIBRATED_AT**0.5 * root[sure, None] * slid.uncertainty[sure]
+    assert slid.covariance[sure] == pytest.approx(wanted)
+    size = np.array(
+        [uncertainty(slid.config, one) for one, yes in zip(slid.tiles.of(slid.result), sure, strict=True) if yes]
+    )
+    assert slid.uncertainty[sure] == pytest.approx(size / slid.half_s**2)
 
 
 def test_centres_are_means_of_the_events_positions(turned):

@@ -1,6 +1,6 @@
 """One motion for the whole field of flow: robust least squares over the tiles without doubt; a scene with a known one.
 
-Each tile counts as its covariance says, so that an edge counts across itself and not along itself. Residuals that are
+Each tile counts as its information says, so that an edge counts across itself and not along itself. Residuals that are
 large for that, such as those of what moves on its own, count less: the loss is 2·(√(1 + r²) − 1), r in standard
 deviations, by iteratively reweighted least squares. The loss is convex: there is one solution.
 """
@@ -64,13 +64,13 @@ def basis(model, config, at):
 def fit_field(model, window):
     """The :class:`Field` of a :class:`~.window.Window`."""
     # Short tiles, too: without what is slow of a field, its fit would be worse.
-    used = window.sure & np.isfinite(window.covariance).all(axis=1)
+    used = window.sure & np.isfinite(window.uncertainty).all(axis=1)
     count, size = int(used.sum()), len(MODELS[model])
     none = Field(*np.full((2, size), np.nan), count, math.nan)
     if 2 * count < size + 2:
         return none
     b = np.moveaxis(basis(model, window.config, window.centres[used]), 2, 0)  # [n, 2, p]
-    xx, yy, xy = window.covariance[used].T
+    xx, yy, xy = window.uncertainty[used].T
     own = (_OF_ITS_OWN_PX / window.half_s) ** 2
     xx, yy = xx + own, yy + own
     # Cholesky of the covariance's inverse: rows in standard deviations.

@@ -10,13 +10,16 @@ from ..errors import ConfigError
 from ..events import BatchCutter
 from ..imaging.camera import nearest
 from ..imaging.iwe import dithered, image_of_warped_events
-from ..protocol.confidence import confidence, covariance
+from ..protocol.confidence import confidence, covariance, uncertainty
 from ..protocol.flags import Flag
 from ..tracking.columns import Column, declared
 from ..tracking.fit import LOST_BATCHES, FittedCutter, fit
 from ..tracking.loop import Measured, Table
 from ..tracking.loop import windows as measured
 from .neighbours import borne_out
+
+#: The covariance of a tile is so many times that of an ROI that follows an object: edges cross its border all the time.
+BORDER = 3.4
 
 _MAY = {"text": "{:.3f}", "may_be_missing": True}
 
@@ -124,8 +127,15 @@ class Window(Measured):
     @functools.cached_property
     def covariance(self):
         """Of each tile's flow, (px/s)²: xx, yy, xy, float64 [n, 3]; NaN of tiles in doubt."""
-        found = self._each(functools.partial(covariance, self.config), (np.nan,) * 3)
-        return found / max(self.half_s, 1e-9) ** 2
+        return BORDER * self._px2_per_s2(covariance)
+
+    @functools.cached_property
+    def uncertainty(self):
+        """The inverse of each tile's information, (px/s)²: which tile is the better one; as :attr:`covariance`."""
+        return self._px2_per_s2(uncertainty)
+
+    def _px2_per_s2(self, what):
+        return self._each(functools.partial(what, self.config), (np.nan,) * 3) / max(self.half_s, 1e-9) ** 2
 
     @property
     def outside(self):

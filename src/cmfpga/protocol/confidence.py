@@ -170,19 +170,24 @@ def confidence(config, outcome):
     return (xx + yy) / 2 - hypot((xx - yy) / 2, xy)
 
 
-def covariance(config, outcome):
-    """Covariance of v, px² (of v per half batch): (xx, yy, xy); None of a batch that is not trusted, or another motion.
-
-    That in (px/s)² is (2/span)² times as large, where span is the batch's t_N − t_1 in s.
-    """
+def uncertainty(config, outcome):
+    """The inverse of the information, px²: (xx, yy, xy); None of a batch that is not sure, or of another motion."""
     if not is_sure(outcome) or config.motion_model.basis:
         return None
     xx, yy, xy = information(config, outcome)
     determinant = xx * yy - xy * xy
     if xx <= 0 or determinant <= 0:
         return None
-    share = _variance(outcome) / determinant
-    return share * yy, share * xx, -share * xy
+    return yy / determinant, xx / determinant, -xy / determinant
+
+
+def covariance(config, outcome):
+    """Covariance of v, px² (of v per half batch): (xx, yy, xy); None as of :func:`uncertainty`.
+
+    That in (px/s)² is (2/span)² times as large, where span is the batch's t_N − t_1 in s.
+    """
+    share, found = _variance(outcome), uncertainty(config, outcome)
+    return found and tuple(share * one for one in found)
 
 
 def deviations(config, outcome):
