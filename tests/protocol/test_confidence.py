@@ -14,6 +14,7 @@ from cmfpga.protocol.confidence import (
     PROBE,
     Curvature,
     beside,
+    bias,
     confidence,
     contrast,
     covariance,
@@ -22,9 +23,11 @@ from cmfpga.protocol.confidence import (
     is_sharp,
     is_short,
     is_trusted,
+    is_trustworthy,
     kept,
     least_fall,
     probes_towards_zero,
+    uncertainty,
 )
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import RegionOutcome
@@ -154,6 +157,24 @@ def test_confidence_and_covariance_of_a_known_peak():
     smaller = Fraction(90) * whole / (4 * n)  # λ_min of the curvature at the limit
     determinant = (shape.xx - smaller) * (shape.yy - smaller) - Fraction(shape.cross, 2) ** 2
     assert (determinant > 0) == is_trusted(CONFIG, n, 90, shape, whole) == (confidence(CONFIG, outcome) > 30)
+
+
+def test_a_short_motion_is_trusted_as_far_as_its_bias_is_covered():
+    good = peak(800, (40_000.0, 90_000.0, 0.0), 4096 * 500_000)
+    # 1.2 px may be 5 % too large, 0.9 px 25 %, which only a batch of few events is as uncertain as.
+    for v, flags, events, off, trusted in (
+        ((0.0, -1.2), Flag.SHORT, 80_000, 1.2 / 21, True), ((0.0, -0.9), Flag.SHORT, 80_000, 0.18, False),
+        ((0.0, -0.9), Flag.SHORT, 100, 0.18, True), ((-0.9, 0.0), Flag.SHORT, 200, 0.18, True),
+        ((0.0, -0.9), Flag.SHORT, 200, 0.18, False), ((0.0, -1.2), Flag.SHORT | Flag.DOUBTFUL, 800, None, False),
+        ((0.0, -2.0), Flag(0), 80_000, 0.0, True),
+    ):  # fmt: skip
+        outcome = changed(good, v=v, flags=flags, roi_events=events)
+        assert is_trustworthy(CONFIG, outcome) == trusted, (v, events, uncertainty(CONFIG, outcome))
+        if off is not None:
+            assert bias(outcome) == pytest.approx(off)
+            (x, y), root = v, sqrt(events / CALIBRATED_AT)
+            added = np.array(covariance(CONFIG, outcome)) - root * np.array(uncertainty(CONFIG, outcome))
+            assert added == pytest.approx(off**2 * np.array([x * x, y * y, x * y]) / (x * x + y * y), abs=1e-9)
 
 
 def test_the_probes_distance_is_the_same_in_both_arithmetics():

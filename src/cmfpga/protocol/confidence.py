@@ -26,6 +26,9 @@ SHORT_PX = 1.5
 #: ``((below so many px per half batch, found too large by up to this share of the truth), …)``.
 OVERESTIMATED = ((1.0, 0.25), (SHORT_PX, 0.05))
 
+#: A translation that is found too large by so much at most, px, may be trusted; by more, where it is as uncertain.
+COVERED = 0.095
+
 #: The limit of the comparison is so many times the smallest confidence.
 LIMIT_SCALE = 3
 
@@ -117,18 +120,25 @@ def is_sure(outcome):
 
 
 def is_trustworthy(config, outcome):
-    """Whether a batch :func:`is_sure`, and not ``SHORT`` with a bias that its standard deviation does not cover.
+    """Whether a batch :func:`is_sure`, and not ``SHORT`` with a bias that :data:`COVERED` and uncertainty do not cover.
 
-    That of a translation by :data:`OVERESTIMATED`; a short motion beyond translation is never trusted.
+    A short motion beyond translation is never trusted.
     """
     if not is_sure(outcome) or Flag.SHORT not in outcome.flags:
         return is_sure(outcome)
-    size, found = hypot(*outcome.v), covariance(config, outcome)
+    found = uncertainty(config, outcome)
     if found is None:
         return False
     (x, y), (xx, yy, xy) = outcome.v, found
-    share = next((share for limit, share in OVERESTIMATED if size < limit), 0.0)
-    return (size * size * share / (1 + share)) ** 2 <= xx * x * x + 2 * xy * x * y + yy * y * y
+    along = xx * x * x + 2 * xy * x * y + yy * y * y
+    return (bias(outcome) ** 2 - COVERED**2) * (x * x + y * y) <= along
+
+
+def bias(outcome):
+    """How much too large a ``SHORT`` translation may have been found, px, by :data:`OVERESTIMATED`; 0 of others."""
+    size = hypot(*outcome.v)
+    share = next((share for limit, share in OVERESTIMATED if size < limit), 0.0) if Flag.SHORT in outcome.flags else 0.0
+    return size * share / (1 + share)
 
 
 def _scale(config, outcome, whole):
@@ -182,12 +192,16 @@ def uncertainty(config, outcome):
 
 
 def covariance(config, outcome):
-    """Covariance of v, px² (of v per half batch): (xx, yy, xy); None as of :func:`uncertainty`.
+    """Covariance of v, px² (of v per half batch), :func:`bias` included: (xx, yy, xy); None as of :func:`uncertainty`.
 
     That in (px/s)² is (2/span)² times as large, where span is the batch's t_N − t_1 in s.
     """
-    share, found = _variance(outcome), uncertainty(config, outcome)
-    return found and tuple(share * one for one in found)
+    found = uncertainty(config, outcome)
+    if found is None:
+        return None
+    (x, y), share = outcome.v, _variance(outcome)
+    more = (bias(outcome) / (hypot(x, y) or 1)) ** 2
+    return tuple(share * one + more * own for one, own in zip(found, (x * x, y * y, x * y), strict=True))
 
 
 def deviations(config, outcome):
