@@ -78,10 +78,8 @@ def measured(name, width, height, share, seed, engine="model"):
         (window,) = Run(recording, opened, tiles, windows=1)
     middle = (np.array([width, height]) - 1) / 2
     off = np.array([(window.v - _at(one, window.centres - middle) * window.half_s).T for one in fields])
-    errors, squares = (
-        np.hypot(*np.moveaxis(off, 1, 0)),
-        sizes(np.moveaxis(off, 1, 0), (*window.covariance.T * window.half_s**2,)),
-    )
+    off = np.moveaxis(off, 1, 0)
+    errors, squares = np.hypot(*off), sizes(off, tuple(window.covariance.T * window.half_s**2))
     return window, np.min(errors, axis=0), np.min(squares, axis=0)
 
 
