@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ..verilog.emit import TOP, sha256
 from .families import ECP5, FAMILIES
+from .floorplan import lay
 from .levels import worst_paths
 from .tools import COMMANDS, EstimateError, read_json, require, run, yosys
 
@@ -55,6 +56,7 @@ def place(verilog, *, device="LFE5U-85F", speed=None, seeds=1, aim_mhz=AIM_MHZ, 
     called, speeds = family.devices[device]
     speed = speed or speeds[0]
     netlist = netlist_of(verilog, top, report, family)
+    lay(netlist["modules"][top], device)
     fmax, worst = {}, None
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "core.json").write_text(json.dumps(netlist), encoding="utf-8")
