@@ -71,15 +71,10 @@ def process(tmp_path):
     def process(name, *arguments, without=(), **environment):
         blocked = "".join(f"sys.modules[{package!r}] = None; " for package in without)
         script = f"import runpy, sys; {blocked}runpy.run_module('cmfpga', run_name='__main__', alter_sys=True)"
-        done = subprocess.run(
-            [sys.executable, "-W", "error", "-c", script, name, *map(str, arguments)],
-            cwd=tmp_path,
-            env={**os.environ, "MPLCONFIGDIR": str(tmp_path / "matplotlib"), **environment},
-            capture_output=True,
-            text=True,
-            encoding="utf-8",
-            errors="backslashreplace",
-        )
+        command = [sys.executable, "-W", "error", "-c", script, name, *map(str, arguments)]
+        environment = {**os.environ, "MPLCONFIGDIR": str(tmp_path / "matplotlib"), **environment}
+        texts = {"capture_output": True, "encoding": "utf-8", "errors": "backslashreplace"}
+        done = subprocess.run(command, cwd=tmp_path, env=environment, **texts)
         return Done(done.returncode, done.stdout, done.stderr)
 
     return process

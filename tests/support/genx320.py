@@ -17,19 +17,8 @@ def to_bytes(words, *, big_endian=False):
 def levels(content, *, packet=64, packets=3, blanking=2, frame_blanking=5, low=(False, False), pad=True, gaps=None):
     """Data, HSYNC and VSYNC in each cycle of the sensor's clock: uint8 array [cycles, 3].
 
-    Parameters
-    ----------
-    content : bytes
-    packet, packets : int
-        Bytes of a packet, packets of a frame.
-    blanking, frame_blanking : int
-        Cycles between packets, between frames.
-    low : pair of bool
-        HSYNC, VSYNC are active low.
-    pad : bool
-        The last packet is filled with padding.
-    gaps : numpy.random.Generator, optional
-        HSYNC falls within packets too, now and then: what a sensor that waits for events may do.
+    ``low``: whether HSYNC and VSYNC are active low; ``pad``: the last packet is filled with padding. With a generator
+    ``gaps`` HSYNC falls within packets too, now and then: what a sensor that waits for events may do.
     """
     if pad:
         content += b"\xff" * (-len(content) % packet)
