@@ -39,9 +39,6 @@ def some_trace(**changes):
     return Trace(**{**fields, **changes})
 
 
-# ---------------------------------------------------------------- tables
-
-
 @pytest.mark.parametrize("name", WRAPPED)
 def test_every_bit_of_a_result_has_its_place(name):
     """No leaf is wider than the registers that show it, and none is left out."""
@@ -106,9 +103,6 @@ def test_a_raw_result_is_read():
     assert decode(config, values | {"flags": 1})["sums"] == (0,) * 5  # in a degenerate batch they mean nothing
 
 
-# ---------------------------------------------------------------- outcomes
-
-
 def test_fields_of_the_only_region_are_the_outcomes_too():
     outcome = BatchResult(**BATCH, **REGION)
     assert outcome == BatchResult(**BATCH, regions=(RegionOutcome(**REGION),))
@@ -154,9 +148,6 @@ def test_sums_are_those_of_the_last_iteration():
     assert BatchResult(**BATCH, **REGION, trace=some_trace(sum_i=np.zeros(0))).sums == (0,) * 5
 
 
-# ---------------------------------------------------------------- trace
-
-
 def test_traces_are_compared_by_all_their_values():
     assert some_trace() == some_trace()
     assert some_trace() != "trace"
@@ -164,9 +155,6 @@ def test_traces_are_compared_by_all_their_values():
         values = getattr(some_trace(), field.name)
         assert some_trace(**{field.name: values + 1}) != some_trace()
         assert some_trace(**{field.name: values[:0]}) != some_trace()
-
-
-# ---------------------------------------------------------------- flags
 
 
 def test_flags_have_the_bits_of_the_hardware():

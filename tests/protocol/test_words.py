@@ -105,9 +105,6 @@ def test_what_does_not_fit(form, x, y):
         encode(Events.empty(), "EVT3")
 
 
-# ---------------------------------------------------------------- files
-
-
 def test_a_real_file(data_dir):
     """Prophesee's own EVT 2.0: decoded by the model as the events that others decoded; written again word by word."""
     form, words = read_raw(data_dir / "original_formats" / "prophesee_spinner_640x480_evt2.raw")

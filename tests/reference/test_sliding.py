@@ -85,11 +85,8 @@ def listed(hops, events, least):
         nonlocal closed, begin, last, origin
         found.append((begin, len(stored), now, origin))
         begin = max(begin, len(stored) + hops.hop_events - hops.window_events)
-        while (
-            hops.window_us
-            and begin < len(stored)
-            and (now - closed > hops.window_us or t[stored[begin]] < now + hops.hop_us - hops.window_us)
-        ):
+        oldest = now + hops.hop_us - hops.window_us
+        while hops.window_us and begin < len(stored) and (now - closed > hops.window_us or t[stored[begin]] < oldest):
             begin += 1
         closed, last = now, len(stored)
         origin = begin if begin == last else origin
@@ -265,10 +262,8 @@ def test_every_event_is_counted_in_its_hop(rng):
     for hop in found:
         part = slice(position, position + hop.events)
         back = t[part] < latest[part]
-        inside = (
-            (x[part] >= CORNER[0]) & (x[part] < CORNER[0] + 16) & (y[part] >= CORNER[1]) & (y[part] < CORNER[1] + 12)
-        )
-        inside &= ~back
+        column, row = x[part] - CORNER[0], y[part] - CORNER[1]
+        inside = (column >= 0) & (column < 16) & (row >= 0) & (row < 12) & ~back
         assert (hop.time_back, hop.hot, hop.noise) == (back.sum(), 0, 0)
         assert (hop.fresh + hop.thinned, hop.outside) == (inside.sum(), (~inside & ~back).sum())
         assert hop.events <= 40 and (Flag.TIME_BACK in hop.flags) == bool(hop.time_back)

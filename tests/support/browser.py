@@ -50,11 +50,9 @@ class Opened:
         return self
 
     def do(self, script, *arguments):
-        """What a piece of JavaScript returns."""
         return self.browser.execute_script(script, *arguments)
 
     def wait(self, condition, seconds=30):
-        """Until a JavaScript expression is true."""
         end = time.monotonic() + seconds
         while not self.do(f"return Boolean({condition})"):
             assert time.monotonic() < end, f"not within {seconds} s: {condition}; {self.errors()}"

@@ -24,8 +24,6 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Done:
-    """How a command ended."""
-
     status: int
     out: str
     err: str
@@ -45,7 +43,6 @@ class Done:
 
 
 def run(module, *arguments):
-    """Run a command in this process."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:

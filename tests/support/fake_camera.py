@@ -49,8 +49,6 @@ class Driver(types.ModuleType):
 
 
 class Device:
-    """An open camera."""
-
     def __init__(self, driver, packets, size):
         self._driver, self._packets, self._size = driver, packets, size
 

@@ -26,7 +26,6 @@ KINDS = len(make_vectors.KINDS)
 
 @pytest.fixture(autouse=True, scope="module")
 def _icarus():
-    """Icarus Verilog, for cores that are emitted once."""
     require_icarus()
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(make_vectors, "emit_verilog", lambda core: kept_verilog(core, TOP))
@@ -57,9 +56,6 @@ def simulate_other_core(small, folder, text):
     shutil.copytree(small, folder, dirs_exist_ok=True)
     (folder / f"{TOP}.v").write_text(text)
     return simulate(folder)
-
-
-# ---------------------------------------------------------------- the core passes
 
 
 FULL = {"fast": preset("fast"), "default": CONFIGS["default"]}
@@ -121,9 +117,6 @@ def test_the_bench_knows_every_port(config):
     assert all(f" + {name}" in text for name in pixels - flow)
 
 
-# ---------------------------------------------------------------- and a broken one does not
-
-
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
 def test_a_broken_core_fails(mutant, folders, tmp_path):
     small = folders[mutant.preset]
@@ -142,8 +135,7 @@ def test_every_field_is_checked(config, tmp_path):
     for memory in ("results", "trace"):
         row, widths = vectors.rows[memory][0], vectors.columns[memory]
         for name in set(row) - unsaid:
-            value = (int(row[name]) & ((1 << widths[name]) - 1)) ^ (1 << (widths[name] - 1))
-            row[name] = value
+            row[name] = (int(row[name]) & ((1 << widths[name]) - 1)) ^ (1 << (widths[name] - 1))
             wanted.add(name)
     vectors.write(tmp_path)
     lines = simulate(tmp_path)
@@ -151,9 +143,6 @@ def test_every_field_is_checked(config, tmp_path):
     assert wrong == wanted >= set(vectors.core.outputs) & {"result_v_x", "result_flags", "trace_sums_sx"}
     # With a sweep twice: ΣI, ΣDx and ΣDy are also compared with the images.
     assert lines[-1].startswith(f"FAIL: {len(wrong) + (3 if vectors.core.sweep_cycles else 0)} of ")
-
-
-# ---------------------------------------------------------------- what emit.py does to Amaranth's text
 
 
 def raw_verilog(config):
@@ -172,23 +161,13 @@ def test_clean_up_changes_nothing(small, tmp_path):
     assert values and {*values} <= {*re.findall(r"^  initial (\S+ ?) = (\S+);$", clean, re.MULTILINE)}
 
 
-# ---------------------------------------------------------------- commands
-
-
 @pytest.mark.parametrize("name", ["paper", "fast"])
 def test_make(name, sim_dir, tmp_path):
     if not shutil.which("make"):
         pytest.skip("make is not installed (Debian package make)")
     fields = "--set roi_width=6 --set roi_height=4 --set buffer_events=30"
-    command = [
-        "make",
-        "-C",
-        sim_dir,
-        f"PYTHON={sys.executable}",
-        f"OUT={tmp_path}",
-        f"VECTORS={fields} --batches 3",
-        f"PRESET={name}",
-    ]
+    told = f"PYTHON={sys.executable}", f"OUT={tmp_path}", f"VECTORS={fields} --batches 3", f"PRESET={name}"
+    command = ["make", "-C", sim_dir, *told]
     status, output = run(command)
     assert status == 0 and "\nPASS: 3 batches" in output, output
     status, output = run([*command, "-o", "vectors"])

@@ -15,9 +15,6 @@ from cmfpga.imaging.survey.proposal import _apart, _measure
 FAST = preset("fast")
 
 
-# -------------------------------------------------------------------- statistics
-
-
 @pytest.mark.parametrize("size", [1, 137, 5000])
 @pytest.mark.parametrize("sensor", [(240, 180), (None, None)])
 def test_statistics_are_those_of_the_events(rng, size, sensor):
@@ -76,9 +73,6 @@ def test_a_real_hot_pixel(data_dir):
         assert (27, 70) in [(x, y) for x, y, _ in survey_all(recording)[0].hot_pixels()]
 
 
-# -------------------------------------------------------------------- motion
-
-
 @pytest.mark.parametrize("texture", ["lines", "dense"])
 @pytest.mark.parametrize("px", [(4.0, 0.0), (-2.5, 3.0), (0.0, -6.0), (0.0, 0.0)])
 def test_estimate(texture, px):
@@ -107,8 +101,6 @@ def test_an_edge_has_no_clear_motion():
     v, _, clarity = estimate(x.astype(float), y.astype(float), dt, 64, 64)
     assert abs(v[0] - 4) < 0.5 and clarity < 0.03
 
-
-# -------------------------------------------------------------------- proposals
 
 SCENES = [
     # velocity in px/s, duration in µs, other fields of the scene

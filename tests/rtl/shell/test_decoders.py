@@ -188,15 +188,10 @@ def test_one_per_cycle(name, rng):
 
 @pytest.mark.parametrize("flow", FLOWS)
 def test_sensor_gate(flow, rng):
+    places = (rng.choice([0, 100, side - 1, side, 65535], 200) for side in (240, 180))
     tokens = [
         Token(int(rng.integers(1 << 32)), int(x), int(y), bool(rng.random() < 0.8), bool(event), bool(end))
-        for x, y, event, end in zip(
-            rng.choice([0, 100, 239, 240, 65535], 200),
-            rng.choice([0, 100, 179, 180, 65535], 200),
-            rng.random(200) < 0.8,
-            rng.random(200) < 0.3,
-            strict=True,
-        )
+        for x, y, event, end in zip(*places, rng.random(200) < 0.8, rng.random(200) < 0.3, strict=True)
         if event or end
     ]
     expected, counts = sensor_gate(CONFIG, tokens)

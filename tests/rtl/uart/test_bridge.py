@@ -113,7 +113,6 @@ class Host:
         return found
 
     def offer(self, beats):
-        """A packet, for the bridge to send."""
         self._offer += [(beat, k == len(beats) - 1) for k, beat in enumerate(beats)]
 
 

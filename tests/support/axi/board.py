@@ -105,7 +105,6 @@ class Board:
         return register[field].unpack(word) if field else word
 
     async def counters(self):
-        """All counters by their links."""
         return {
             link: await self.read_word(parts[0][0].offset) for link, parts in self.registers.linked("Counters").items()
         }
@@ -124,14 +123,12 @@ class Board:
                 await self.write_word(register.offset, word)
 
     async def until(self, name, field, value=1):
-        """Poll a field."""
         for _ in range(4000):
             if await self.read(name, field) == value:
                 return
         raise AssertionError(f"{name}.{field} is not {value} after 4000 reads")
 
     async def result_registers(self):
-        """The result as the registers show it."""
         group = self.registers.group("Result")
         offsets = range(group[0].offset, group[-1].offset + 4, 4)
         return result_values(self.registers, [await self.read_word(offset) for offset in offsets])
@@ -153,5 +150,4 @@ class Board:
         return np.frombuffer(bytes(frame.tdata), "<u8").astype(np.uint64)
 
     async def result(self, **options):
-        """The next result packet's values."""
         return result_values(self.registers, split_packets(self.registers, await self.packet(**options))[0].tolist())

@@ -222,7 +222,6 @@ def solve(harness, mode, depth, *, search=("--unroll", "--noincr")):
 
 
 def _run(command, folder):
-    """Exit status and everything that was printed."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "start_new_session": True}
     with subprocess.Popen(command, cwd=folder, env=os.environ | {"PATH": SEARCH_PATH}, **pipes) as process:
         try:
