@@ -14,10 +14,10 @@ from cmfpga.errors import ConfigError
 from cmfpga.fixed import round_half_up
 from cmfpga.protocol.confidence import beside
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.event_path import dither
 from cmfpga.reference.integer.sliding import Sliding
+from support.core_batches import settings
 
 SMALL = {"roi_width": 16, "roi_height": 12, "sensor_width": 32, "sensor_height": 24, "confidence_limit": 1.0}
 BATCHES = preset("quad").replace(**SMALL)
@@ -25,10 +25,6 @@ QUAD = preset("sliding").replace(**SMALL, buffer_events=2047)
 SEARCH, JUDGE = (Round(1, 3, 1.0),), (Round(0, 3, 1 / 16),)
 CORNER = (7, 5)
 HELD = {"min_roi_events": 6, "roi_gain": 0}
-
-
-def settings(config, **changes):
-    return dataclasses.replace(BatchSettings.from_config(config), **changes)
 
 
 def drawn(rng, count, *, outside=0.3, mean_us=40):

@@ -100,7 +100,6 @@ class Board:
         self.memory = Memory()
         self.dma = SimulatedDma(top, self.memory)
         self.lock = threading.RLock()
-        self.accesses = []
 
     def words(self, base):
         """Registers from an address on, word by word, as ``pynq.MMIO.array`` or a mapping of UIO has them."""

@@ -42,11 +42,6 @@ def folders(tmp_path_factory):
     return made
 
 
-@pytest.fixture(scope="module")
-def small(folders):
-    return folders["paper"]
-
-
 def simulate(folder):
     assert icarus_compile(folder) == ""
     return icarus_run(folder)
@@ -95,9 +90,9 @@ def test_the_vectors_are_worth_it():
     assert Flag.CUT in cut.seen
 
 
-def test_the_same_in_newer_verilog(small, tmp_path):
+def test_the_same_in_newer_verilog(folders, tmp_path):
     """Vivado and Questa read a .v file as Verilog, but it may be given to them as SystemVerilog."""
-    shutil.copytree(small, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(folders["paper"], tmp_path, dirs_exist_ok=True)
     for language in ("2001", "2012"):
         assert icarus_compile(tmp_path, language) == ""
         (line,) = icarus_run(tmp_path)
@@ -145,15 +140,11 @@ def test_every_field_is_checked(config, tmp_path):
     assert lines[-1].startswith(f"FAIL: {len(wrong) + (3 if vectors.core.sweep_cycles else 0)} of ")
 
 
-def raw_verilog(config):
-    """What Amaranth writes, before it is cleaned up."""
-    core = VerilogCore(config)
+def test_clean_up_changes_nothing(folders, tmp_path):
+    """Of what Amaranth writes."""
+    core, (_, clean), small = VerilogCore(SMALL), emitted(SMALL), folders["paper"]
     ports = [*core.inputs.values(), *core.outputs.values()]
-    return verilog.convert(core, name=TOP, ports=ports, emit_src=False, strip_internal_attrs=True)
-
-
-def test_clean_up_changes_nothing(small, tmp_path):
-    raw, (_, clean) = raw_verilog(SMALL), emitted(SMALL)
+    raw = verilog.convert(core, name=TOP, ports=ports, emit_src=False, strip_internal_attrs=True)
     assert raw != clean
     assert simulate_other_core(small, tmp_path, raw) == simulate(small)
     # A reset hides this: the values that registers have before it.

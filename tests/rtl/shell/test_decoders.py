@@ -21,10 +21,6 @@ END = Token(0, 0, 0, False, False, True)
 PULSES = {"format_error": "format_errors", "other": "other_words", "back": "time_high_back"}
 
 
-def payload(beat):
-    return {"data": beat.data, "keep": beat.keep, "last": int(beat.last), "user": 0}
-
-
 def as_tokens(value):
     """A token of the hardware, an event each; what has no meaning without an event left out."""
     x, end = value["x"], bool(value["end"])
@@ -39,8 +35,9 @@ def check(form, beats, flow, rng, config=CONFIG, swap=0):
     block, inputs, tail = Decoder(config), {"format": FORMATS[form]}, 12
     if form == "EVT30":
         block, inputs, tail = Evt3Decoder(config.replace(evt3=1)), {}, 8 * len(beats) + 40
+    items = [{**beat._asdict(), "last": int(beat.last), "user": 0} for beat in beats]
     passage = pass_through(
-        block, [payload(beat) for beat in beats], flow, rng, expect=0 if form == "EVT30" else len(expected),
+        block, items, flow, rng, expect=0 if form == "EVT30" else len(expected),
         pulses=PULSES, inputs=inputs | {"swap": swap}, tail=tail,
     )  # fmt: skip
     assert [token for value in passage.values for token in as_tokens(value)] == expected
