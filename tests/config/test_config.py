@@ -59,7 +59,6 @@ READER = {
 
 
 def refusal(**changes):
-    """The message with which ``Config(**changes)`` is refused."""
     with pytest.raises(ConfigError) as caught:
         Config(**changes)
     message = str(caught.value)
@@ -165,6 +164,8 @@ def test_choices(name, choices):
     ({**WINDOWS, "cold": "0:1:1*28"}, "cold and warm and follow and after: 28 + 3 + 1 + 1 iterations; at most 32 "),
     ({"window_events": 5}, "window_events = 5: windows = sliding is needed; windows = batches ignores it"),
     ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 20 idle cycles an iteration = 620, "),
+    ({**preset("fast").to_dict(), "tag_bits": 6},
+     "tag_bits = 6: (2^tag_bits − 1) · 51 idle cycles an iteration = 3213, at least the 4096 words of a bank "),
     ({**ROUNDS, "max_iterations": 30, "cold": "0:1:1*30"}, "cold and warm: 30 + 3 iterations; at most 32 are "),
     ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
     ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),
@@ -363,9 +364,6 @@ def test_the_hash_is_the_same_in_every_process():
 def test_to_dict_is_json_and_makes_the_same_configuration():
     config = Config(roi_width=32, eta=0.25, start="given", v_start_x=-1.5)
     assert Config(**json.loads(json.dumps(config.to_dict()))) == config
-
-
-# ---------------------------------------------------------------- noise
 
 
 def test_a_camera_is_nine_numbers():

@@ -43,16 +43,10 @@ def test_an_roi_as_large_as_the_sensor_has_one_position():
 def test_the_pages_of_the_store_suffice_for_any_batch():
     """The worst: in every bin but one a page with one event, all other events in that one."""
     regions = preset("fast").replace(buffers=2, regions=2)
-    for fields in (
-        {},
-        {"max_batch_events": 65535},
-        {"max_batch_events": 1},
-        {"bin_bits": 2},
-        {"bin_bits": 12},
-        {"max_batch_events": 1 << 18},
-    ):
-        store = regions.replace(**fields).store
-        bins, events = store.columns * store.rows, regions.replace(**fields).max_batch_events
+    sizes = [{"max_batch_events": events} for events in (1, 65535, 1 << 18)]
+    for config in (regions.replace(**fields) for fields in ({}, {"bin_bits": 2}, {"bin_bits": 12}, *sizes)):
+        store, events = config.store, config.max_batch_events
+        bins = store.columns * store.rows
         single = min(bins - 1, events - 1)
         assert single + -(-(events - single) // PAGE_EVENTS) <= store.pages
         assert store.bins == store.rows << store.column_bits >= bins

@@ -27,9 +27,6 @@ def engine(request):
     return request.getfixturevalue("verilated_engine") if request.param == "rtl" else make_engine(request.param, CONFIG)
 
 
-# ---------------------------------------------------------------- equal results
-
-
 def sequence(rng):
     """``(name, events, settings, flags that must be set)``: a life of the core, one batch after the other."""
     steps = np.arange(25)
@@ -151,9 +148,6 @@ def test_amaranth_simulates_the_fast_hardware_too(rng):
     assert all((result.cycles is None) == (not result.events) for result in results)
 
 
-# ---------------------------------------------------------------- the interface
-
-
 def test_names(engine):
     assert engine.name in ENGINES and engine.note == ""
     assert engine.places == [(0, 0)] and engine.run(Events.empty(), settings())[0].v == (0.0, 0.0)
@@ -234,9 +228,6 @@ def test_an_event_outside_the_sensor_is_refused(engine, rng, axis, value, larges
         engine.run(events, settings((8, 8)))
     getattr(events, axis)[33] = largest
     assert engine.run(events, settings((8, 8)))[0].outside > 0
-
-
-# ---------------------------------------------------------------- which engine
 
 
 def test_without_a_compiler_amaranth_simulates(monkeypatch, rng):

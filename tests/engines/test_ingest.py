@@ -83,9 +83,6 @@ def test_hardware_and_model_through_long_batches_and_without_a_pause(name):
     assert batches > 60 and iterations > 100
 
 
-# ---------------------------------------------------------------- filters
-
-
 @pytest.mark.parametrize("config", FILTERS.values(), ids=FILTERS)
 def test_dropped_events_tell_the_time_all_the_same(config, verilated):
     """t_1 and t_N are those of the camera, as with events outside of the ROI; a batch of noise alone is degenerate."""
@@ -107,9 +104,6 @@ def test_a_reset_forgets_the_times_but_not_the_mask(verilated, config):
         result = engine.run(events, settings)[0]
         assert (result.hot, result.noise) == (config.hot_pixels, 2 * config.background)
         engine._core.reset()
-
-
-# ---------------------------------------------------------------- undistortion
 
 
 MUTANTS = {  # module, old, new, configuration

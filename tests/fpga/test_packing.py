@@ -123,10 +123,8 @@ def test_the_product_waits_in_place_of_its_factors():
     wires = cells["it"]["connections"]
     assert (wires["A0"], wires["A1"], wires["B0"]) == ([11], ["0"], [21])
     ((name, new),) = ((name, each) for name, each in cells.items() if name.startswith("it_"))
-    assert new["connections"] == {"CLK": [2], "CE": [4], "DI": wires["P0"], "Q": [31]} and wires["P0"][0] not in (
-        30,
-        31,
-    )
+    assert new["connections"] == {"CLK": [2], "CE": [4], "DI": wires["P0"], "Q": [31]}
+    assert wires["P0"][0] not in (30, 31)
     assert new["type"] == "TRELLIS_FF" and {*cells} == {"it", name, "register_10", "register_20"}
 
 

@@ -151,9 +151,6 @@ def test_of_a_sum_that_is_wider_than_a_factor_nothing_moves(width, moves):
     assert any("behind" in name for name in packed(netlist["modules"]["top"])) == moves
 
 
-# ---------------------------------------------------------------- gates before adders
-
-
 XOR, XNOR, AND = "0110" * 4, "1001" * 4, "1000" * 4
 
 

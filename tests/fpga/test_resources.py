@@ -76,19 +76,12 @@ def test_the_axi_top_is_like_its_baseline_and_fits(name):
     assert all(stored[kind] < has for kind, has in DEFAULT.resources.items() if kind != "uram")
 
 
-@pytest.mark.parametrize("name", update.PLAIN)
-def test_cores_without_confidence_are_like_their_baselines(name):
-    assert_like_baseline(update.core_alone("plain", name, update.PLAIN[name])[0], BASELINES["plain"][name], name)
+ALONE = {"plain": update.PLAIN, "motions": {"rotation": {}, "similarity": {}}, "regions": update.REGIONS}
 
 
-@pytest.mark.parametrize("name", ["rotation", "similarity"])
-def test_motions_are_like_their_baselines(name):
-    assert_like_baseline(update.core_alone("motions", name, {})[0], BASELINES["motions"][name], name)
-
-
-@pytest.mark.parametrize("name", update.REGIONS)
-def test_regions_are_like_their_baselines(name):
-    assert_like_baseline(update.core_alone("regions", name, update.REGIONS[name])[0], BASELINES["regions"][name], name)
+@pytest.mark.parametrize("kind, name", [(kind, name) for kind, names in ALONE.items() for name in names])
+def test_other_cores_are_like_their_baselines(kind, name):
+    assert_like_baseline(update.core_alone(kind, name, ALONE[kind][name])[0], BASELINES[kind][name], name)
 
 
 def test_a_register_that_others_read_is_not_lost():
@@ -166,9 +159,6 @@ def test_growth_is_noticed(fast):
         assert_like_baseline({**small, "ff": 15}, small, "a small block")
 
 
-# ---------------------------------------------------------------- what Yosys says
-
-
 @pytest.fixture
 def says(monkeypatch):
     """``says(stat, …)``: statistics that Yosys would have written."""
@@ -180,7 +170,6 @@ def says(monkeypatch):
 
 
 def _stat(**cells):
-    """Statistics of a core of these cells."""
     module = {"num_cells": sum(cells.values()), "num_submodules": 0, "num_cells_by_type": cells}
     return {"modules": {f"\\{TOP}": module}, "design": module}
 

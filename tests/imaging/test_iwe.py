@@ -32,18 +32,6 @@ def test_image_equals_the_reference(rng, v):
     np.testing.assert_allclose(image, expected, rtol=0, atol=1e-12)
 
 
-def test_one_event_votes_into_the_four_pixels_around_it():
-    image = image_of_warped_events(np.array([3.0]), np.array([2.0]), np.array([1.0]), (-0.25, -0.5), **SIZE)
-    expected = np.zeros((8, 12))
-    expected[2:4, 3:5] = [[0.375, 0.125], [0.375, 0.125]]
-    np.testing.assert_array_equal(image, expected)
-    # Pixels outside drop their part; opposite edges do not touch.
-    corner = image_of_warped_events(np.array([11.0]), np.array([7.0]), np.array([1.0]), (-0.25, -0.5), **SIZE)
-    assert corner[7, 11] == corner.sum() == 0.375
-    left = image_of_warped_events(np.array([0.0]), np.array([0.0]), np.array([1.0]), (0.25, 0.5), **SIZE)
-    assert left[0, 0] == left.sum() == 0.375
-
-
 def test_contrast_equals_the_reference(rng):
     events = random_events(rng)
     x, y, dt = scaled_roi_events(CONFIG, events, ROI)

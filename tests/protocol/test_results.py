@@ -7,19 +7,11 @@ import numpy as np
 import pytest
 
 from cmfpga.config import PRESETS, preset
+from cmfpga.protocol import results as protocol
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.layout import BASE
-from cmfpga.protocol.results import (
-    COUNTS,
-    RESULTS,
-    BatchResult,
-    RegionOutcome,
-    WireResult,
-    decode,
-    fields_of,
-    packet_beats,
-)  # fmt: skip
+from cmfpga.protocol.results import COUNTS, RESULTS, BatchResult, RegionOutcome, WireResult, fields_of
 from cmfpga.protocol.settings import SETTINGS, BatchSettings, settings_of, settings_values
 from cmfpga.protocol.shapes import leaves
 from cmfpga.protocol.trace import Trace, columns
@@ -37,9 +29,6 @@ BATCH = required("batch", span=100, events=4)
 def some_trace(**changes):
     fields = {"v": np.zeros((2, 2)), "sum_i": np.zeros(1), "sum_d": np.zeros((1, 2)), "s": np.zeros((1, 2))}
     return Trace(**{**fields, **changes})
-
-
-# ---------------------------------------------------------------- tables
 
 
 @pytest.mark.parametrize("name", WRAPPED)
@@ -61,7 +50,7 @@ def test_words_of_a_packet_have_no_gaps():
     lengths, last = {}, {}
     for config in map(preset, WRAPPED):
         basis = bool(config.motion_model.basis), config.slides
-        lengths.setdefault(basis, set()).add(packet_beats(config))
+        lengths.setdefault(basis, set()).add(protocol.packet_beats(config))
         used = {r.offset for places in register_map(config).linked("Result").values() for r, _ in places}
         last[basis] = max(last.get(basis, 0), *((offset - BASE["Result"]) // 4 for offset in used))
     assert lengths == {basis: {1 + word // 2} for basis, word in last.items()} and len(last) == 3
@@ -100,13 +89,10 @@ def test_payloads_know_their_formats():
 def test_a_raw_result_is_read():
     config = preset("paper")
     values = {leaf: 3 for f in fields_of("batch", "region", config=config) for leaf in leaves(f.name, f.shape(config))}
-    found = decode(config, values | {"v_x": -(3 << 11), "flags": int(Flag.CUT)})
+    found = protocol.decode(config, values | {"v_x": -(3 << 11), "flags": int(Flag.CUT)})
     assert found["v"] == (-1.5, 3 / 4096) and found["roi"] == (3, 3) and found["flags"] is Flag.CUT
     assert found["sums"] == (3,) * 5
-    assert decode(config, values | {"flags": 1})["sums"] == (0,) * 5  # in a degenerate batch they mean nothing
-
-
-# ---------------------------------------------------------------- outcomes
+    assert protocol.decode(config, values | {"flags": 1})["sums"] == (0,) * 5  # in a degenerate batch they mean nothing
 
 
 def test_fields_of_the_only_region_are_the_outcomes_too():
@@ -154,9 +140,6 @@ def test_sums_are_those_of_the_last_iteration():
     assert BatchResult(**BATCH, **REGION, trace=some_trace(sum_i=np.zeros(0))).sums == (0,) * 5
 
 
-# ---------------------------------------------------------------- trace
-
-
 def test_traces_are_compared_by_all_their_values():
     assert some_trace() == some_trace()
     assert some_trace() != "trace"
@@ -164,9 +147,6 @@ def test_traces_are_compared_by_all_their_values():
         values = getattr(some_trace(), field.name)
         assert some_trace(**{field.name: values + 1}) != some_trace()
         assert some_trace(**{field.name: values[:0]}) != some_trace()
-
-
-# ---------------------------------------------------------------- flags
 
 
 def test_flags_have_the_bits_of_the_hardware():

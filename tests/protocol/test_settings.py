@@ -38,7 +38,6 @@ def test_settings_are_rounded_to_the_nearest():
 
 
 def crop_position(config, raw):
-    """Whole pixels of a raw position."""
     follower = RoiFollower(config, 1 << config.formats.roi_x.f)
     follower.position = (raw, 0)
     return follower.next_corner[0]

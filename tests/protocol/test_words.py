@@ -105,9 +105,6 @@ def test_what_does_not_fit(form, x, y):
         encode(Events.empty(), "EVT3")
 
 
-# ---------------------------------------------------------------- files
-
-
 def test_a_real_file(data_dir):
     """Prophesee's own EVT 2.0: decoded by the model as the events that others decoded; written again word by word."""
     form, words = read_raw(data_dir / "original_formats" / "prophesee_spinner_640x480_evt2.raw")
@@ -124,14 +121,10 @@ def test_a_real_file(data_dir):
     theirs = words.view("<u4")
     theirs = theirs[theirs >> 28 != 0xF]
     # Theirs repeats time words that did not change; ours does not.
-    repeated = (theirs >> 28 == 8) & np.concatenate([[False], _last_time(theirs)[:-1] == theirs[1:]])
+    is_time = theirs >> 28 == 8
+    times = theirs[np.maximum.accumulate(np.where(is_time, np.arange(len(theirs)), 0))]  # before or at each word
+    repeated = is_time & np.concatenate([[False], times[:-1] == theirs[1:]])
     assert np.array_equal(ours[: len(theirs) - repeated.sum()], theirs[~repeated])
-
-
-def _last_time(words):
-    """The time word before or at each word."""
-    position = np.where(words >> 28 == 8, np.arange(len(words)), 0)
-    return words[np.maximum.accumulate(position)]
 
 
 WORD = (0x8000000100000000).to_bytes(8, "little")

@@ -1,28 +1,13 @@
 """The float64 reference against autograd and the article's equations written as loops."""
 
-import sys
-import types
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
 
 from cmfpga.reference import floating
 from cmfpga.reference.float_core import ascend
-from cmfpga.reference.floating import (
-    at_level,
-    bilinear_votes,
-    contrast,
-    derivative_images,
-    evaluate,
-    gradient,
-    iwe,
-    level_size,
-    scaled_times,
-    warp,
-)
 from support.equations import transcription
+from support.mutation import mutated
 
 SIZES = [(2, 2), (8, 8), (16, 6), (6, 16), (30, 22), (7, 5), (1, 9)]
 
@@ -79,10 +64,7 @@ def test_equations_as_loops(rng):
 MUTANTS = {
     "warp with the other sign": ("x - dt * v[0]", "x + dt * v[0]"),
     "y warped by vx": ("y - dt * v[1]", "y - dt * v[0]"),
-    "derivative with the other sign": (
-        "accumulate(votes.pixel, -dt * votes.by_x",
-        "accumulate(votes.pixel, dt * votes.by_x",
-    ),
+    "derivative with the other sign": ("(votes.pixel, -dt * votes.by_x", "(votes.pixel, dt * votes.by_x"),
     "Dy from ∂w/∂x": ("-dt * votes.by_y", "-dt * votes.by_x"),
     "a corner's weight of another": ("dx * dy))", "dx * (1 - dy)))"),
     "a whole cell dropped at the border": ("(columns < width)", "(i + 1 < width)"),
@@ -98,18 +80,9 @@ MUTANTS = {
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_transcription_notices(mutant, rng):
     """The comparison above is worth something only if it fails for wrong equations."""
-    right, wrong = MUTANTS[mutant]
-    source = Path(floating.__file__).read_text(encoding="utf-8")
-    assert source.count(right) == 1
-    module = types.ModuleType("mutant")
-    module.__package__ = floating.__package__  # its imports are relative
-    sys.modules["mutant"] = module  # dataclasses look their module up
-    try:
-        exec(compile(source.replace(right, wrong), "mutant", "exec"), module.__dict__)
-        with pytest.raises((AssertionError, IndexError)):  # an address beyond the image shows as well
-            check_equations(module, rng, cases=2, levels=(0, 1))
-    finally:
-        del sys.modules["mutant"]
+    module = mutated(floating, *MUTANTS[mutant])
+    with pytest.raises((AssertionError, IndexError)):  # an address beyond the image shows as well
+        check_equations(module, rng, cases=2, levels=(0, 1))
 
 
 # -------------------------------------------------------------------- gradient
@@ -119,14 +92,14 @@ def test_transcription_notices(mutant, rng):
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_gradient_equals_autograd(width, height, level, rng):
     """By v in pixels of the level, so 2^level times that by v."""
-    size = [level_size(width, level), level_size(height, level)]
+    size = [floating.level_size(width, level), floating.level_size(height, level)]
     for _ in range(40 if level else 150):  # 1050 cases over all sizes, and 560 at levels
         x, y, dt = (torch.from_numpy(a) for a in random_events(rng, width, height, int(rng.integers(1, 60))))
         v = torch.from_numpy(random_velocity(rng, width, height)).requires_grad_()
-        image = iwe(*(at_level(position, level) for position in warp(x, y, dt, v)), *size)
-        c = contrast(torch.nn.functional.pad(image, (0, width - size[0], 0, height - size[1])))
+        image = floating.iwe(*(floating.at_level(position, level) for position in floating.warp(x, y, dt, v)), *size)
+        c = floating.contrast(torch.nn.functional.pad(image, (0, width - size[0], 0, height - size[1])))
         (auto,) = torch.autograd.grad(c, v)
-        it = evaluate(x, y, dt, v.detach(), width=width, height=height, level=level)
+        it = floating.evaluate(x, y, dt, v.detach(), width=width, height=height, level=level)
         # Where the terms cancel, ∇C is nothing but rounding: 1e-15 is that of sums of order 1.
         error = float((it.gradient - auto * 2**level).norm() - (1e-12 if level else 1e-15))
         assert error <= 1e-9 * float(auto.norm())
@@ -151,7 +124,7 @@ def test_gradient_equals_autograd(width, height, level, rng):
     ],
 )
 def test_corners_outside_are_dropped_alone(x, y, expected):
-    image = iwe([x], [y], 3, 4)
+    image = floating.iwe([x], [y], 3, 4)
     assert image.shape == (4, 3)
     got = {(i, j): float(image[j, i]) for j in range(4) for i in range(3) if image[j, i]}
     assert got == expected
@@ -159,14 +132,14 @@ def test_corners_outside_are_dropped_alone(x, y, expected):
 
 def test_signs_of_the_derivatives():
     """An event after t_ref moves left as vx grows: the left pixels gain."""
-    d_x, d_y = derivative_images(bilinear_votes([0.25], [0.5], 2, 2), 0.5, 2, 2)
+    d_x, d_y = floating.derivative_images(floating.bilinear_votes([0.25], [0.5], 2, 2), 0.5, 2, 2)
     assert d_x.tolist() == [[0.25, -0.25], [0.25, -0.25]]
     assert d_y.tolist() == [[0.375, 0.125], [-0.375, -0.125]]
 
 
 @pytest.mark.parametrize("n", [0, 1])
 def test_few_events(n):
-    it = evaluate([2] * n, [1] * n, [1.0] * n, (0.0, 0.0), width=4, height=4)
+    it = floating.evaluate([2] * n, [1] * n, [1.0] * n, (0.0, 0.0), width=4, height=4)
     assert it.image.dtype == it.gradient.dtype == torch.float64
     assert it.image.sum() == n
     assert float(it.contrast) == pytest.approx(n / 16 * (1 - 1 / 16))
@@ -183,23 +156,23 @@ def test_few_events(n):
 def test_whole_pixel_translation_changes_nothing(rng):
     x, y, dt = interior_events(rng)
     v = (1.7, -0.6)
-    a = evaluate(x, y, dt, v, width=24, height=16)
-    b = evaluate(x + 3, y + 2, dt, v, width=24, height=16)
+    a = floating.evaluate(x, y, dt, v, width=24, height=16)
+    b = floating.evaluate(x + 3, y + 2, dt, v, width=24, height=16)
     torch.testing.assert_close(b.image[2:, 3:], a.image[:-2, :-3])
     torch.testing.assert_close(b.contrast, a.contrast)
     torch.testing.assert_close(b.gradient, a.gradient)
-    other = evaluate(x + 1 - 0.5, y, dt, v, width=24, height=16)  # half a pixel does change it
+    other = floating.evaluate(x + 1 - 0.5, y, dt, v, width=24, height=16)  # half a pixel does change it
     assert abs(float(other.contrast - a.contrast)) > 1e-3
 
 
 def test_time_reversal_flips_v(rng):
     t = np.sort(rng.integers(1000, 90000, 40))
     x, y, _ = interior_events(rng, 40)
-    forth = scaled_times(t, t[0], t[-1])
-    back = scaled_times(t[0] + t[-1] - t[::-1], t[0], t[-1])
+    forth = floating.scaled_times(t, t[0], t[-1])
+    back = floating.scaled_times(t[0] + t[-1] - t[::-1], t[0], t[-1])
     v = np.array([1.1, -0.7])
-    a = evaluate(x, y, forth, v, width=20, height=12)
-    b = evaluate(x[::-1], y[::-1], back, -v, width=20, height=12)
+    a = floating.evaluate(x, y, forth, v, width=20, height=12)
+    b = floating.evaluate(x[::-1], y[::-1], back, -v, width=20, height=12)
     torch.testing.assert_close(a.image, b.image)
     torch.testing.assert_close(a.gradient, -b.gradient)
     up, down = (
@@ -212,8 +185,8 @@ def test_time_reversal_flips_v(rng):
 
 def test_swapping_the_axes_swaps_the_gradient(rng):
     x, y, dt = random_events(rng, 9, 6, 30)
-    a = evaluate(x, y, dt, (0.7, -1.9), width=9, height=6)
-    b = evaluate(y, x, dt, (-1.9, 0.7), width=6, height=9)
+    a = floating.evaluate(x, y, dt, (0.7, -1.9), width=9, height=6)
+    b = floating.evaluate(y, x, dt, (-1.9, 0.7), width=6, height=9)
     torch.testing.assert_close(a.image, b.image.T)
     torch.testing.assert_close(a.gradient, b.gradient.flip(0))
 
@@ -226,10 +199,10 @@ def test_dt_spans_the_whole_batch(rng):
     in_roi = rng.random(500) < 0.2
     in_roi[[0, -1]] = False
     assert t[in_roi][0] > t[0] and t[in_roi][-1] < t[-1]
-    everything = scaled_times(t, t[0], t[-1])
+    everything = floating.scaled_times(t, t[0], t[-1])
     assert everything.dtype == torch.float64
     assert (float(everything[0]), float(everything[-1])) == (-1.0, 1.0)
-    roi = scaled_times(t[in_roi], t[0], t[-1])
+    roi = floating.scaled_times(t[in_roi], t[0], t[-1])
     assert torch.equal(roi, everything[torch.from_numpy(in_roi)])  # not stretched to its own first and last event
     t_ref, half = t[0] + (t[-1] - t[0]) / 2, (t[-1] - t[0]) / 2
     np.testing.assert_allclose(roi, (t[in_roi] - t_ref) / half, rtol=1e-13, atol=1e-15)
@@ -238,29 +211,29 @@ def test_dt_spans_the_whole_batch(rng):
 def test_dt_is_exact_for_huge_time_stamps():
     start = (1 << 62) + 1
     t = np.array([start, start + 1, start + 2, start + 3, start + 4])
-    assert scaled_times(t, start, start + 4).tolist() == [-1.0, -0.5, 0.0, 0.5, 1.0]
+    assert floating.scaled_times(t, start, start + 4).tolist() == [-1.0, -0.5, 0.0, 0.5, 1.0]
 
 
 def test_dt_of_a_batch_without_duration_and_of_none():
-    assert scaled_times([7, 7], 7, 7).tolist() == [0.0, 0.0]
-    assert scaled_times([], 3, 9).shape == (0,)
-    assert scaled_times(np.zeros(0, np.int64), 3, 9).dtype == torch.float64
+    assert floating.scaled_times([7, 7], 7, 7).tolist() == [0.0, 0.0]
+    assert floating.scaled_times([], 3, 9).shape == (0,)
+    assert floating.scaled_times(np.zeros(0, np.int64), 3, 9).dtype == torch.float64
 
 
 @pytest.mark.parametrize("t", [[4, 5], [5, 10]])
 def test_dt_refuses_times_outside_the_batch(t):
     with pytest.raises(ValueError, match="outside the batch, 5 to 9"):
-        scaled_times(t, 5, 9)
+        floating.scaled_times(t, 5, 9)
 
 
 def test_only_float64_is_accepted():
     with pytest.raises(TypeError, match="float32"):
-        warp(np.zeros(2, np.float32), [1, 2], [0.0, 0.0], (0.0, 0.0))
+        floating.warp(np.zeros(2, np.float32), [1, 2], [0.0, 0.0], (0.0, 0.0))
     with pytest.raises(TypeError, match="float32"):
-        evaluate([1.0], [1.0], [0.0], torch.zeros(2), width=4, height=4)
+        floating.evaluate([1.0], [1.0], [0.0], torch.zeros(2), width=4, height=4)
     with pytest.raises(TypeError, match="integer"):
-        scaled_times([0.5], 0, 1)
-    x, _ = warp(np.array([3], np.uint16), [0.1], [0.1], (0.3, 0.0))
+        floating.scaled_times([0.5], 0, 1)
+    x, _ = floating.warp(np.array([3], np.uint16), [0.1], [0.1], (0.3, 0.0))
     assert float(x) == 3 - 0.1 * 0.3  # Python numbers never pass through float32
 
 
@@ -271,7 +244,7 @@ def moving_points(rng, v, points=12, per_point=15):
     """Points that stand on pixels of a 40 × 32 ROI at t_ref and move at ``v``: events (x, y, dt) between pixels."""
     at = np.stack((rng.permutation(np.arange(8, 32))[:points], rng.permutation(np.arange(8, 24))[:points]))
     t = np.sort(rng.integers(0, 50_000, points * per_point))
-    dt = scaled_times(t, t[0], t[-1]).numpy()
+    dt = floating.scaled_times(t, t[0], t[-1]).numpy()
     position = at[:, rng.integers(points, size=len(t))]
     return position[0] + dt * v[0], position[1] + dt * v[1], dt
 
@@ -293,9 +266,9 @@ def test_ascent_repeats_evaluate(rng):
     x, y, dt = random_events(rng, 12, 9, 40)
     trace = ascend(x, y, dt, width=12, height=9, v_start=(0.5, 0.25), eta=0.75, iterations=6)
     for k in range(6):
-        it = evaluate(x, y, dt, trace.v[k], width=12, height=9)
+        it = floating.evaluate(x, y, dt, trace.v[k], width=12, height=9)
         assert torch.equal(it.gradient, trace.gradient[k]) and torch.equal(it.contrast, trace.contrast[k])
-        assert torch.equal(it.gradient, gradient(it.image, it.derivative_x, it.derivative_y))
+        assert torch.equal(it.gradient, floating.gradient(it.image, it.derivative_x, it.derivative_y))
         assert torch.equal(trace.g[k], it.g)
         assert torch.equal(trace.v[k + 1], trace.v[k] + 0.75 * it.gradient)  # Eq. v_update
     none = ascend(x, y, dt, width=12, height=9, v_start=(0.5, 0.25), eta=0.75, iterations=0)

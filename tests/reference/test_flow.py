@@ -133,11 +133,8 @@ def test_every_stage_of_the_integer_model_is_within_its_bound(name, rng):
             rounded[row, motions.names.index(parameter)] += sign * found[member]
     wanted = torch.einsum("apn,p->an", rounded, float64(v)) * config.formats.v.step
     for each, want in zip(u, wanted, strict=True):
-        error = each.double() * config.formats.v.step - want
-        assert (
-            float(error.abs().max()) <= config.formats.v.step / 2
-            and float(error.abs().max()) > config.formats.v.step / 3
-        )
+        error = float((each.double() * config.formats.v.step - want).abs().max())
+        assert config.formats.v.step / 3 < error <= config.formats.v.step / 2
 
 
 @pytest.mark.parametrize("name", SHAPES)

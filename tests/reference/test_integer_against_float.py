@@ -6,7 +6,6 @@ bounds are reached, so that a wrong rounding is found (see ``MUTANTS``).
 """
 
 import inspect
-import types
 from fractions import Fraction
 
 import numpy as np
@@ -16,10 +15,12 @@ import torch
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.events import BatchCutter, generate, open_recording
+from cmfpga.fixed import floor_shift, round_half_up
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference import floating
 from cmfpga.reference.integer import core as model
+from support.mutation import mutated
 
 SIZES = [(2, 2), (8, 4), (6, 10), (30, 22), (64, 64)]
 
@@ -149,13 +150,8 @@ MUTANTS = {
 def test_a_wrong_stage_is_noticed(name, rng, monkeypatch):
     stage, old, new = MUTANTS[name]
     function = {"constant": "updater"}.get(stage, stage)
-    original = inspect.getmodule(getattr(model, function))
-    source = inspect.getsource(original)
-    assert source.count(old) == 1
-    mutant = types.ModuleType("mutant")
-    mutant.__package__ = original.__package__
-    rounding = "from ...fixed import floor_shift, round_half_up\n"
-    exec(compile(rounding + source.replace(old, new), name, "exec"), mutant.__dict__)
+    mutant = mutated(inspect.getmodule(getattr(model, function)), old, new)
+    vars(mutant).update(floor_shift=floor_shift, round_half_up=round_half_up)
     monkeypatch.setattr(model, function, getattr(mutant, function))
     with pytest.raises(AssertionError):
         check_random(rng, 200)

@@ -33,9 +33,6 @@ def moving_object(rng, v, n=600, width=48, height=36):
     return t, x, y
 
 
-# -------------------------------------------------------------------- dither
-
-
 def test_the_constants_are_those_of_r2():
     g = 1.3247179572447460
     assert g**3 == pytest.approx(g + 1, abs=1e-15)
@@ -67,14 +64,10 @@ def test_the_hardwares_dither_is_this_one_floored(frac):
     for exact, raw, factor, alpha in zip(dither(2000), integer_dither(config, none, none), FACTORS, R2, strict=True):
         assert abs(factor - alpha * (1 << DITHER_BITS)) <= 0.5
         below = exact - raw / (1 << frac) if frac else raw  # without dither nothing is added
-        near = (
-            exact * (1 << frac) - (exact * (1 << frac)).round()
-        ).abs() < 0.05  # where 24 bits decide about the floor
+        units = exact * (1 << frac)
+        near = (units - units.round()).abs() < 0.05  # where 24 bits decide about the floor
         assert bool(((below >= 0) & (below < 1 / (1 << frac)))[~near].all()) and near.sum() < 300
         assert not frac or (int(raw.min()), int(raw.max())) == (-(1 << frac) // 2, (1 << frac) // 2 - 1)
-
-
-# -------------------------------------------------------------------- levels
 
 
 @pytest.mark.parametrize("level", [0, 1, 2, 3])
@@ -95,9 +88,6 @@ def test_a_coarse_pixel_covers_its_fine_ones():
         middle = ((1 << level) - 1) / 2
         image = evaluate([middle], [middle], [0.5], (0.0, 0.0), width=16, height=16, level=level).image
         assert float(image[0, 0]) == 1.0 == float(image.sum())
-
-
-# -------------------------------------------------------------------- the integer model
 
 
 def compare(config, rng, batches=12, tiny=0.06):

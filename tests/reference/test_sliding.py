@@ -14,10 +14,10 @@ from cmfpga.errors import ConfigError
 from cmfpga.fixed import round_half_up
 from cmfpga.protocol.confidence import beside
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.event_path import dither
 from cmfpga.reference.integer.sliding import Sliding
+from support.core_batches import settings
 
 SMALL = {"roi_width": 16, "roi_height": 12, "sensor_width": 32, "sensor_height": 24, "confidence_limit": 1.0}
 BATCHES = preset("quad").replace(**SMALL)
@@ -25,10 +25,6 @@ QUAD = preset("sliding").replace(**SMALL, buffer_events=2047)
 SEARCH, JUDGE = (Round(1, 3, 1.0),), (Round(0, 3, 1 / 16),)
 CORNER = (7, 5)
 HELD = {"min_roi_events": 6, "roi_gain": 0}
-
-
-def settings(config, **changes):
-    return dataclasses.replace(BatchSettings.from_config(config), **changes)
 
 
 def drawn(rng, count, *, outside=0.3, mean_us=40):
@@ -85,11 +81,8 @@ def listed(hops, events, least):
         nonlocal closed, begin, last, origin
         found.append((begin, len(stored), now, origin))
         begin = max(begin, len(stored) + hops.hop_events - hops.window_events)
-        while (
-            hops.window_us
-            and begin < len(stored)
-            and (now - closed > hops.window_us or t[stored[begin]] < now + hops.hop_us - hops.window_us)
-        ):
+        oldest = now + hops.hop_us - hops.window_us
+        while hops.window_us and begin < len(stored) and (now - closed > hops.window_us or t[stored[begin]] < oldest):
             begin += 1
         closed, last = now, len(stored)
         origin = begin if begin == last else origin
@@ -265,10 +258,8 @@ def test_every_event_is_counted_in_its_hop(rng):
     for hop in found:
         part = slice(position, position + hop.events)
         back = t[part] < latest[part]
-        inside = (
-            (x[part] >= CORNER[0]) & (x[part] < CORNER[0] + 16) & (y[part] >= CORNER[1]) & (y[part] < CORNER[1] + 12)
-        )
-        inside &= ~back
+        column, row = x[part] - CORNER[0], y[part] - CORNER[1]
+        inside = (column >= 0) & (column < 16) & (row >= 0) & (row < 12) & ~back
         assert (hop.time_back, hop.hot, hop.noise) == (back.sum(), 0, 0)
         assert (hop.fresh + hop.thinned, hop.outside) == (inside.sum(), (~inside & ~back).sum())
         assert hop.events <= 40 and (Flag.TIME_BACK in hop.flags) == bool(hop.time_back)

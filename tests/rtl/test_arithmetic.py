@@ -13,10 +13,21 @@ from cmfpga.protocol.confidence import is_short as told_short
 from cmfpga.rtl import payloads
 from cmfpga.rtl.arithmetic import is_short, negative_where, saturate, small_product, wide_product
 from support.bench import simulate
+from support.values import shape_range
 
 
-def settle(m, bench):
-    """Run a bench of what has no clock."""
+def check(made, into, *shapes, wanted):
+    """Of a function without a clock: what it makes, in so many bits, of all values of signals of these shapes."""
+    m, inputs, output = Module(), [Signal(shape) for shape in shapes], Signal(into)
+    m.d.comb += output.eq(made(*inputs))
+    ends = map(shape_range, shapes)
+
+    async def bench(ctx):
+        for values in itertools.product(*(range(low, high + 1) for low, high in ends)):
+            for signal, value in zip(inputs, values, strict=True):
+                ctx.set(signal, value)
+            assert ctx.get(output) == wanted(*values)
+
     simulator = Simulator(m)
     simulator.add_testbench(bench)
     simulator.run()
@@ -25,34 +36,13 @@ def settle(m, bench):
 @pytest.mark.parametrize("bits", [1, 2, 3, 4, 6])
 @pytest.mark.parametrize("shape", [Shape(5, signed=True), Shape(4)], ids=str)
 def test_small_product(shape, bits):
-    m = Module()
-    value, factor, product = Signal(shape), Signal(bits), Signal(Shape(shape.width + bits, shape.signed))
-    m.d.comb += product.eq(small_product(value, factor))
-    low = -(1 << shape.width - 1) if shape.signed else 0
-
-    async def bench(ctx):
-        for v in range(low, low + (1 << shape.width)):
-            for f in range(1 << bits):
-                ctx.set(value, v)
-                ctx.set(factor, f)
-                assert ctx.get(product) == v * f
-
-    settle(m, bench)
+    into = Shape(shape.width + bits, shape.signed)
+    check(small_product, into, shape, Shape(bits), wanted=lambda value, factor: value * factor)
 
 
 def test_negative_where():
-    m = Module()
-    value, flag, made = Signal(Shape(5, signed=True)), Signal(), Signal(Shape(5, signed=True))
-    m.d.comb += made.eq(negative_where(flag, value))
-
-    async def bench(ctx):
-        for v in range(-16, 16):
-            for f in range(2):
-                ctx.set(value, v)
-                ctx.set(flag, f)
-                assert ctx.get(made) == (v if not f or v == -16 else -v)
-
-    settle(m, bench)
+    five = Shape(5, signed=True)
+    check(negative_where, five, Shape(1), five, wanted=lambda flag, v: v if not flag or v == -16 else -v)
 
 
 @pytest.mark.parametrize(
@@ -60,16 +50,8 @@ def test_negative_where():
 )
 @pytest.mark.parametrize("shape", [Shape(6, signed=True), Shape(5)], ids=str)
 def test_saturate(shape, low, high):
-    m = Module()
-    value, limited = Signal(shape), Signal(Shape(8, signed=True))
-    m.d.comb += limited.eq(saturate(value, low, high))
-
-    async def bench(ctx):
-        for number in range(-32, 32) if shape.signed else range(32):
-            ctx.set(value, number)
-            assert ctx.get(limited) == fixed.saturate(number, low, high)
-
-    settle(m, bench)
+    made, wanted = (lambda value, limit=limit: limit(value, low, high) for limit in (saturate, fixed.saturate))
+    check(made, Shape(8, signed=True), shape, wanted=wanted)
 
 
 @pytest.mark.parametrize("cycles", [2, 3, 4])
@@ -82,8 +64,7 @@ def test_wide_product(a, b, cycles):
     factors = Signal(a), Signal(b)
     product = Signal(Shape(a.width + b.width, signed=True))
     m.d.comb += product.eq(wide_product(m, *factors, cycles, name="product"))
-    low = [-(1 << shape.width - 1) if shape.signed else 0 for shape in (a, b)]
-    high = [first + (1 << shape.width) - 1 for first, shape in zip(low, (a, b), strict=True)]
+    low, high = zip(*map(shape_range, (a, b)), strict=True)
     ends = [(first, last, 0, 1, last // 2 + 1, last - 1) for first, last in zip(low, high, strict=True)]
     rng = random.Random(a.width)
     pairs = [*itertools.product(*ends), *(list(map(rng.randint, low, high)) for _ in range(300))]

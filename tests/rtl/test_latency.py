@@ -71,17 +71,14 @@ class Timing:
     late: int = 0  # the entry is so many cycles after the item: the last of what the item begins
 
 
-def filtered(k):
-    return {"i.valid": 1, "i.payload": {"t": 5 + k, "x": 9, "y": 8, "last": 0}}
-
-
 def moved(k):
     return {"move": 1, "v": {"x": 1 << DEFAULT.v_frac, "y": 0}, "roi_gain": 1 << DEFAULT.roi_gain_frac}
 
 
 BLOCKS = {
     "roi filter": Timing(
-        RoiFilter(DEFAULT), 4, item=filtered, before=[{"start": 1, "roi": {"x": 0, "y": 0}}, {}]
+        RoiFilter(DEFAULT), 4, item=lambda k: {"i.valid": 1, "i.payload": {"t": 5 + k, "x": 9, "y": 8, "last": 0}},
+        before=[{"start": 1, "roi": {"x": 0, "y": 0}}, {}],
     ),
     "thinner": Timing(
         Thinner(payloads.roi_event(DEFAULT), most_stored=9, most_events=99), 1, before=[{"start": 1, "thinning": 1}]

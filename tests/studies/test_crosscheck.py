@@ -17,7 +17,6 @@ from studies import crosscheck
 
 
 def outcome(capsys, *arguments):
-    """Exit status and JSON."""
     status = crosscheck.main([*arguments, "--json"])
     return status, json.loads(capsys.readouterr().out)
 

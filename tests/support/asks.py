@@ -36,7 +36,7 @@ DOORS = {
     ("cmfpga.fpga.place", "place"): "place and route",
     ("cmfpga.fpga.place", "netlist_of"): "place and route",
     ("cmfpga.fpga.bitstream", "bitstream"): "place and route",
-    ("support.mutation", ""): "mutants",
+    ("support.mutation", "break_blocks"): "mutants",
     ("studies.bench.opponents", ""): "opponents",
     ("studies.crosscheck", "main"): "random designs",
 }

@@ -33,7 +33,6 @@ class Recording:
 
 
 def simulate(top, *benches):
-    """Run until every bench has finished."""
     simulator = Simulator(top)
     simulator.add_clock(1e-6)
     for bench in benches:
@@ -68,7 +67,6 @@ class Repeated:
         self._bench = None
 
     def simulate(self, bench):
-        """Run until the bench has finished."""
         begun, self._bench = self._bench, bench
         if begun:
             self._simulator.reset()

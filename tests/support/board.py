@@ -43,9 +43,7 @@ class SimulatedDma:
 
     def _reset(self):
         self.registers = {}
-        self.running = {0x00: False, 0x30: False}
-        self.busy = {0x00: False, 0x30: False}
-        self.error = {0x00: 0, 0x30: 0}
+        self.running, self.busy, self.error = ({0x00: 0, 0x30: 0} for _ in range(3))
         self.top.forget()
         self.top.limit(send=-1, accept=0)
 
@@ -53,7 +51,7 @@ class SimulatedDma:
         self._advance()
         base, register = (0x30, offset - 0x30) if offset >= 0x30 else (0x00, offset)
         if register == 0x00:
-            return (RUN if self.running[base] else 0) | (RESET if self.dead else 0)
+            return self.running[base] | (RESET if self.dead else 0)
         if register == 0x04:
             halted = HALTED if not self.running[base] or self.error[base] else 0
             return halted | (0 if self.busy[base] else IDLE) | self.error[base]
@@ -62,10 +60,9 @@ class SimulatedDma:
     def write32(self, offset, value):
         base, register = (0x30, offset - 0x30) if offset >= 0x30 else (0x00, offset)
         if register == 0x00:
+            self.running[base] = value & RUN
             if value & RESET:
                 self._reset()
-            else:
-                self.running[base] = bool(value & RUN)
             return
         self.registers[offset] = value
         if register != 0x28 or not self.running[base]:
@@ -93,14 +90,7 @@ class SimulatedDma:
 
 
 class Board:
-    """What software sees at addresses.
-
-    Parameters
-    ----------
-    top : SimulatedTop
-    overrides : dict of int to int
-        Registers of the accelerator that read as something else.
-    """
+    """What software sees at addresses; ``overrides``, ``{offset: word}``: registers that read as something else."""
 
     REGISTERS, DMA = 0xA0000000, 0xA0010000
 
@@ -110,7 +100,6 @@ class Board:
         self.memory = Memory()
         self.dma = SimulatedDma(top, self.memory)
         self.lock = threading.RLock()
-        self.accesses = []
 
     def words(self, base):
         """Registers from an address on, word by word, as ``pynq.MMIO.array`` or a mapping of UIO has them."""

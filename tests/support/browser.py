@@ -12,8 +12,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 @pytest.fixture(scope="session")
 def browser():
     """Headless Chromium."""
-    selenium = pytest.importorskip("selenium", reason="selenium is not installed: pip install 'cmfpga[test]'")
-    assert selenium
+    pytest.importorskip("selenium", reason="selenium is not installed: pip install 'cmfpga[test]'")
     from selenium import webdriver
 
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
@@ -50,11 +49,9 @@ class Opened:
         return self
 
     def do(self, script, *arguments):
-        """What a piece of JavaScript returns."""
         return self.browser.execute_script(script, *arguments)
 
     def wait(self, condition, seconds=30):
-        """Until a JavaScript expression is true."""
         end = time.monotonic() + seconds
         while not self.do(f"return Boolean({condition})"):
             assert time.monotonic() < end, f"not within {seconds} s: {condition}; {self.errors()}"

@@ -24,8 +24,6 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Done:
-    """How a command ended."""
-
     status: int
     out: str
     err: str
@@ -45,7 +43,6 @@ class Done:
 
 
 def run(module, *arguments):
-    """Run a command in this process."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
@@ -71,15 +68,10 @@ def process(tmp_path):
     def process(name, *arguments, without=(), **environment):
         blocked = "".join(f"sys.modules[{package!r}] = None; " for package in without)
         script = f"import runpy, sys; {blocked}runpy.run_module('cmfpga', run_name='__main__', alter_sys=True)"
-        done = subprocess.run(
-            [sys.executable, "-W", "error", "-c", script, name, *map(str, arguments)],
-            cwd=tmp_path,
-            env={**os.environ, "MPLCONFIGDIR": str(tmp_path / "matplotlib"), **environment},
-            capture_output=True,
-            text=True,
-            encoding="utf-8",
-            errors="backslashreplace",
-        )
+        command = [sys.executable, "-W", "error", "-c", script, name, *map(str, arguments)]
+        environment = {**os.environ, "MPLCONFIGDIR": str(tmp_path / "matplotlib"), **environment}
+        texts = {"capture_output": True, "encoding": "utf-8", "errors": "backslashreplace"}
+        done = subprocess.run(command, cwd=tmp_path, env=environment, **texts)
         return Done(done.returncode, done.stdout, done.stderr)
 
     return process

@@ -16,6 +16,8 @@ from support.values import edge_integers
 SMALL = {"sensor_width": 40, "sensor_height": 30, "roi_width": 16, "roi_height": 12}
 LIMITS = {"buffer_events": 48, "max_batch_events": 90, "max_iterations": 7}
 ROUNDS = {"cold": "2:3:4 1:3/2:2 0:3/4:3/4", "warm": "1:1:3/2 1:3/4:1 0:3/4:1/16"}
+#: Of motions beyond translation.
+STEPS = {"cold": "2:1 1:0 0:-1 0:-3", "warm": "1:0 1:-1 0:-2 0:-4"}
 CONFIGS = {
     "small": Config(**SMALL, **LIMITS, iterations=3),
     # P a power of two: the gradient costs no multiplication.
@@ -51,13 +53,11 @@ CONFIGS = {
         **SMALL, **LIMITS, **ROUNDS, tag_bits=4, confidence=0, evaluators=4
     ),
     # Motions beyond translation: a lever arm of 8 px, which a fast zoom or roll leaves.
-    "similarity": preset("similarity").replace(
-        **SMALL | {"roi_width": 20}, **LIMITS, tag_bits=4, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
-    ),
+    "similarity": preset("similarity").replace(**SMALL | {"roi_width": 20}, **LIMITS, **STEPS, tag_bits=4),
     # An ROI smaller than the sensor, one buffer; a camera without distortion, whose table is that of a reset.
     "rotation": preset("rotation").replace(
-        **SMALL | {"roi_height": 13}, **LIMITS | {"buffer_events": 37}, buffers=1, tag_bits=4, ram_style="auto",
-        max_level=2, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4", camera="36,35,18.3,16.8",
+        **SMALL | {"roi_height": 13}, **LIMITS | {"buffer_events": 37}, **STEPS, buffers=1, tag_bits=4,
+        ram_style="auto", max_level=2, camera="36,35,18.3,16.8",
     ),
     # Images whose last column and row are made of fewer pixels; an undistorted one.
     "binned": preset("fast").replace(
@@ -65,8 +65,7 @@ CONFIGS = {
     ),
     "binned rotation": preset("rotation").replace(
         **SMALL | {"sensor_width": 157, "sensor_height": 117, "roi_height": 13}, **LIMITS | {"buffer_events": 37},
-        buffers=1, tag_bits=4, ram_style="auto", max_level=2, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
-        camera="144,140,74.7,68.7", binning=2,
+        **STEPS, buffers=1, tag_bits=4, ram_style="auto", max_level=2, camera="144,140,74.7,68.7", binning=2,
     ),
     # A full buffer thins out; of a depth that is odd and no power of two.
     "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),

@@ -46,7 +46,6 @@ EMITTED = {
 
 
 def measure(what):
-    """The SHA-256 of one of :data:`EMITTED`."""
     return sha256(body(EMITTED[what]()))
 
 

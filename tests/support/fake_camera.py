@@ -49,8 +49,6 @@ class Driver(types.ModuleType):
 
 
 class Device:
-    """An open camera."""
-
     def __init__(self, driver, packets, size):
         self._driver, self._packets, self._size = driver, packets, size
 
@@ -75,12 +73,8 @@ class Device:
 class Busy:
     """Packets of a camera of 1280×720 px that sends so many events/s for so long, whoever reads them.
 
-    Half a percent of the events lie below the sensor. A ring holds ``ring`` packets; others are dropped.
-
-    Attributes
-    ----------
-    sent, dropped : int
-        Events of all packets, and of those that the ring dropped.
+    Half a percent of the events lie below the sensor. A ring holds ``ring`` packets; others are dropped. Of all packets
+    the events are counted as ``sent``, of those as ``dropped``.
     """
 
     HIGH_PARTS = 25  # of the time, in what is repeated: 102 ms
@@ -96,14 +90,8 @@ class Busy:
         base = rng.integers(0, 2, groups) << 11 | rng.integers(0, 40, groups) * 32
         fields = (t >> 12, t & 0xFFF, rng.integers(0, 724, groups), base, *vectors)
         kinds = np.array([0x8, 0x6, 0x0, 0x3, 0x4, 0x4, 0x5]) << 12
-        self._pieces = [
-            (words, int(there.sum()))
-            for words, there in zip(
-                np.array_split(np.stack(fields, 1) | kinds, self.PACKETS),
-                np.array_split(bits, self.PACKETS),
-                strict=True,
-            )
-        ]
+        pieces = (np.array_split(each, self.PACKETS) for each in (np.stack(fields, 1) | kinds, bits))
+        self._pieces = [(words, int(there.sum())) for words, there in zip(*pieces, strict=True)]
 
     def __call__(self):
         begin, made, dropped, waiting = time.monotonic(), 0, 0, deque()

@@ -42,11 +42,9 @@ def turning():
 
 @pytest.fixture(scope="session")
 def slid(sliding):
-    """One window of the sliding scene."""
     return measured(sliding.recording(), window_events=9000, windows=1)[0][0]
 
 
 @pytest.fixture(scope="session")
 def turned(turning):
-    """One window of the turning scene."""
     return measured(turning.recording(), CAMERA, window_events=9000, windows=1)[0][0]

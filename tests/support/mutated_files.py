@@ -100,7 +100,6 @@ def _declared(array, shape):
 
 
 def npz_changed(rng, content):
-    """An archive of arrays."""
     if rng.random() < 0.25:
         return bytes_changed(rng, content)
     with np.load(io.BytesIO(content)) as file:
@@ -134,7 +133,6 @@ _BOMB = "\n".join(f"a{k}: &a{k} [{','.join([f'*a{k - 1}' if k else 'x'] * 10)}]"
 
 
 def yaml_changed(rng, content):
-    """A text of YAML."""
     kind = rng.random()
     if kind < 0.2:
         return bytes_changed(rng, content)
@@ -155,7 +153,6 @@ _SHAPES = ((10**12,), (0,), (1,), (5, 4), (10**6, 10**6), ())
 
 
 def hdf5_changed(rng, content):
-    """A file of data sets."""
     if rng.random() < 0.4:
         return bytes_changed(rng, content)
     file = io.BytesIO(content)

@@ -37,21 +37,17 @@ def _module(parent, name, vlnv, module, *, parameters=(), buses=(), registers=()
 def _registers(parent, registers):
     for register in registers:
         node = ElementTree.SubElement(parent, "REGISTER", NAME=register.name)
-        properties = {
-            "DESCRIPTION": register.doc,
-            "ADDRESS_OFFSET": register.offset,
-            "SIZE": 32,
-            "ACCESS": "read-write",
-        }
-        for key, value in properties.items():
-            ElementTree.SubElement(node, "PROPERTY", NAME=key, VALUE=str(value))
+        _properties(node, DESCRIPTION=register.doc, ADDRESS_OFFSET=register.offset, SIZE=32, ACCESS="read-write")
         fields = ElementTree.SubElement(node, "FIELDS")
         for f in register.fields:
             field = ElementTree.SubElement(fields, "FIELD", NAME=f.name)
             access = "read-only" if f.access in ("constant", "status") else "read-write"
-            properties = {"DESCRIPTION": f.doc, "ACCESS": access, "BIT_OFFSET": f.lsb, "BIT_WIDTH": f.width}
-            for key, value in properties.items():
-                ElementTree.SubElement(field, "PROPERTY", NAME=key, VALUE=str(value))
+            _properties(field, DESCRIPTION=f.doc, ACCESS=access, BIT_OFFSET=f.lsb, BIT_WIDTH=f.width)
+
+
+def _properties(node, **properties):
+    for key, value in properties.items():
+        ElementTree.SubElement(node, "PROPERTY", NAME=key, VALUE=str(value))
 
 
 def write_hwh(path, *, vlnv, registers_address, dma_address, registers):

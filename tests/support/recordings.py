@@ -81,13 +81,9 @@ def cut(path, share):
 
 
 def flip(path):
-    """Change the byte in the middle of a file."""
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 0xFF
     path.write_bytes(content)
-
-
-# -------------------------------------------------------------------- writers
 
 
 def text_lines(t, x, y, p):

@@ -18,7 +18,6 @@ TABLE = [
 
 
 def events_of(window):
-    """A window's columns as a driver sends them."""
     return Events(*window, np.arange(len(window[0])) % 2)
 
 

@@ -16,7 +16,7 @@ from cmfpga.rtl.payloads import schedule_entry
 from cmfpga.rtl.regions import payloads
 from cmfpga.rtl.regions.regions import Regions
 from support.bench import simulate
-from support.core_batches import PLANS, ROUNDS, SIGN_PLANS, moving_points, settings
+from support.core_batches import PLANS, ROUNDS, SIGN_PLANS, STEPS, moving_points, settings
 
 _SMALL = preset("fast").replace(
     sensor_width=40, sensor_height=30, roi_width=16, roi_height=12, buffer_events=37, max_batch_events=150,
@@ -29,8 +29,7 @@ CONFIGS = {
     # More units than regions; bins as large as the sensor; a camera, a hot pixel's mask and the background's filter.
     "five units, front": _SMALL.replace(
         units=5, regions=4, bin_bits=6, undistortion="on", hot_pixels=1, background=1,
-        camera="36,35,18.3,16.8,-0.3,0.1,0,0,0",
-        hot_mask="20,15;3,4", background_us=1 << 22,
+        camera="36,35,18.3,16.8,-0.3,0.1,0,0,0", hot_mask="20,15;3,4", background_us=1 << 22,
     ),
     # The same in front of an image of wider pixels.
     "binned": _SMALL.replace(
@@ -38,9 +37,7 @@ CONFIGS = {
         camera="144,140,74.7,68.7,-0.3,0.1,0,0,0", hot_mask="81,62;82,62;13,17", background_us=1 << 22,
     ),
     "overlapping windows": _SMALL.replace(slices=3, units=3, hot_pixels=1),
-    "similarity": _SMALL.replace(
-        motion="similarity", ascent="sign", tag_bits=4, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"
-    ),
+    "similarity": _SMALL.replace(motion="similarity", ascent="sign", tag_bits=4, **STEPS),
     "four evaluators": _SMALL.replace(evaluators=4, undistortion="on"),
 }  # fmt: skip
 

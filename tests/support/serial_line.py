@@ -33,10 +33,9 @@ def _library(config, divisor):
 class SimulatedLine:
     """Bytes to and from one simulated board, whose clock only runs in :meth:`read` and :meth:`play`.
 
-    Its times are the board's, in seconds of a clock of 1 MHz, which is about what a computer simulates.
-
-    ``divisor``: clock cycles per bit; ``sensor_clock``: of the sensor's port, in parts of the board's clock, at most 5;
-    ``seed``: of the memories' contents at the begin.
+    Its times are the board's, in seconds of a clock of 1 MHz, which is about what a computer simulates. ``divisor``:
+    clock cycles per bit; ``sensor_clock``: of the sensor's port, in parts of the board's clock, at most 5; ``seed``: of
+    the memories' contents at the begin.
     """
 
     def __init__(self, config, *, divisor=5, sensor_clock=0.83, seed=1):

@@ -34,7 +34,6 @@ def compiler():
 
 @pytest.fixture(scope="session")
 def one_core(compiler):
-    """One simulated core for all tests."""
     core = VerilatedCore(CONFIG)
     yield core
     core.close()
@@ -42,13 +41,11 @@ def one_core(compiler):
 
 @pytest.fixture
 def verilated_core(one_core):
-    """A simulated core after a reset."""
     one_core.reset()
     return one_core
 
 
 def engine_of(core):
-    """The engine of a simulated core."""
     engine = VerilatedEngine.__new__(VerilatedEngine)  # without emitting the Verilog again to look the library up
     Engine.__init__(engine, core.config)
     engine._core = core

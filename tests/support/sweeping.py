@@ -45,14 +45,9 @@ def started(*arguments):
     """
     command = [sys.executable, "-W", "error", "-W", "ignore::ResourceWarning", "-m", "cmfpga", "sweep"]
     command += map(str, arguments)
-    with subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "COLUMNS": "100"},
-        preexec_fn=functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # in the background it is ignored
-    ) as process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": os.environ | {"COLUMNS": "100"}}
+    heed = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # in the background it is ignored
+    with subprocess.Popen(command, preexec_fn=heed, **pipes) as process:
         try:
             yield process
         finally:

@@ -28,7 +28,6 @@ class Linux:
 
         monkeypatch.setattr(uio, "_open", opening)
         monkeypatch.setattr(uio, "Mapping", lambda file, size: self.board.words(bases[file]))
-        self.files = []
         for name, (address, size) in BUFFERS.items():
             with (tree / "dev" / name).open("r+b") as file:
                 self.board.memory.add(address, mmap.mmap(file.fileno(), size))

@@ -105,7 +105,6 @@ def random_gaps(rng, count, probability):
 
 
 def tensor(values):
-    """int64 tensor."""
     return torch.tensor(np.asarray(values, np.int64))
 
 

@@ -34,7 +34,6 @@ class Mutant:
 
 
 def fast(*arguments, **options):
-    """Of the preset ``fast``."""
     return Mutant(*arguments, preset="fast", **options)
 
 

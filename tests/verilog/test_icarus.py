@@ -26,7 +26,6 @@ KINDS = len(make_vectors.KINDS)
 
 @pytest.fixture(autouse=True, scope="module")
 def _icarus():
-    """Icarus Verilog, for cores that are emitted once."""
     require_icarus()
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(make_vectors, "emit_verilog", lambda core: kept_verilog(core, TOP))
@@ -43,11 +42,6 @@ def folders(tmp_path_factory):
     return made
 
 
-@pytest.fixture(scope="module")
-def small(folders):
-    return folders["paper"]
-
-
 def simulate(folder):
     assert icarus_compile(folder) == ""
     return icarus_run(folder)
@@ -57,9 +51,6 @@ def simulate_other_core(small, folder, text):
     shutil.copytree(small, folder, dirs_exist_ok=True)
     (folder / f"{TOP}.v").write_text(text)
     return simulate(folder)
-
-
-# ---------------------------------------------------------------- the core passes
 
 
 FULL = {"fast": preset("fast"), "default": CONFIGS["default"]}
@@ -99,9 +90,9 @@ def test_the_vectors_are_worth_it():
     assert Flag.CUT in cut.seen
 
 
-def test_the_same_in_newer_verilog(small, tmp_path):
+def test_the_same_in_newer_verilog(folders, tmp_path):
     """Vivado and Questa read a .v file as Verilog, but it may be given to them as SystemVerilog."""
-    shutil.copytree(small, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(folders["paper"], tmp_path, dirs_exist_ok=True)
     for language in ("2001", "2012"):
         assert icarus_compile(tmp_path, language) == ""
         (line,) = icarus_run(tmp_path)
@@ -119,9 +110,6 @@ def test_the_bench_knows_every_port(config):
     pixels = {name for name in core.outputs if name.startswith("trace_pixels_")}
     assert set(core.port_order) - {"clk", "rst"} - flow - pixels <= columns
     assert all(f" + {name}" in text for name in pixels - flow)
-
-
-# ---------------------------------------------------------------- and a broken one does not
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
@@ -142,8 +130,7 @@ def test_every_field_is_checked(config, tmp_path):
     for memory in ("results", "trace"):
         row, widths = vectors.rows[memory][0], vectors.columns[memory]
         for name in set(row) - unsaid:
-            value = (int(row[name]) & ((1 << widths[name]) - 1)) ^ (1 << (widths[name] - 1))
-            row[name] = value
+            row[name] = (int(row[name]) & ((1 << widths[name]) - 1)) ^ (1 << (widths[name] - 1))
             wanted.add(name)
     vectors.write(tmp_path)
     lines = simulate(tmp_path)
@@ -153,18 +140,11 @@ def test_every_field_is_checked(config, tmp_path):
     assert lines[-1].startswith(f"FAIL: {len(wrong) + (3 if vectors.core.sweep_cycles else 0)} of ")
 
 
-# ---------------------------------------------------------------- what emit.py does to Amaranth's text
-
-
-def raw_verilog(config):
-    """What Amaranth writes, before it is cleaned up."""
-    core = VerilogCore(config)
+def test_clean_up_changes_nothing(folders, tmp_path):
+    """Of what Amaranth writes."""
+    core, (_, clean), small = VerilogCore(SMALL), emitted(SMALL), folders["paper"]
     ports = [*core.inputs.values(), *core.outputs.values()]
-    return verilog.convert(core, name=TOP, ports=ports, emit_src=False, strip_internal_attrs=True)
-
-
-def test_clean_up_changes_nothing(small, tmp_path):
-    raw, (_, clean) = raw_verilog(SMALL), emitted(SMALL)
+    raw = verilog.convert(core, name=TOP, ports=ports, emit_src=False, strip_internal_attrs=True)
     assert raw != clean
     assert simulate_other_core(small, tmp_path, raw) == simulate(small)
     # A reset hides this: the values that registers have before it.
@@ -172,23 +152,13 @@ def test_clean_up_changes_nothing(small, tmp_path):
     assert values and {*values} <= {*re.findall(r"^  initial (\S+ ?) = (\S+);$", clean, re.MULTILINE)}
 
 
-# ---------------------------------------------------------------- commands
-
-
 @pytest.mark.parametrize("name", ["paper", "fast"])
 def test_make(name, sim_dir, tmp_path):
     if not shutil.which("make"):
         pytest.skip("make is not installed (Debian package make)")
     fields = "--set roi_width=6 --set roi_height=4 --set buffer_events=30"
-    command = [
-        "make",
-        "-C",
-        sim_dir,
-        f"PYTHON={sys.executable}",
-        f"OUT={tmp_path}",
-        f"VECTORS={fields} --batches 3",
-        f"PRESET={name}",
-    ]
+    told = f"PYTHON={sys.executable}", f"OUT={tmp_path}", f"VECTORS={fields} --batches 3", f"PRESET={name}"
+    command = ["make", "-C", sim_dir, *told]
     status, output = run(command)
     assert status == 0 and "\nPASS: 3 batches" in output, output
     status, output = run([*command, "-o", "vectors"])

@@ -20,13 +20,8 @@ PINHOLE = preset("rotation").replace(camera=CAMERA.text)
 SIMILAR = preset("similarity")
 
 
-def pixels(config):
-    rows, columns = np.mgrid[0 : config.roi_height : 9, 0 : config.roi_width : 9]
-    return columns.ravel().astype(float), rows.ravel().astype(float)
-
-
 def test_the_flow_of_a_rotation_is_that_of_the_camera():
-    x, y = pixels(PINHOLE)
+    y, x = (axis.ravel().astype(float) for axis in np.mgrid[0 : PINHOLE.roi_height : 9, 0 : PINHOLE.roi_width : 9])
     moved = flow(PINHOLE, parameters(PINHOLE, OMEGA, SPAN), x, y, (0, 0))
     assert np.allclose(moved, CAMERA.speeds(OMEGA, x, y) * SPAN / 2e6, atol=1e-6)
 
@@ -83,11 +78,8 @@ def test_the_extent_is_that_of_the_edge_where_the_centre_stands_still():
 def turned():
     """A scene in front of a camera with a lens, which turns."""
     camera = Camera(200.0, 200.0, 118.0, 91.0, -0.35, 0.12)
-    scene = generate(
-        seed=3, size=(360, 270), bars=20, camera=camera, rotation=OMEGA, duration_us=40_000,
-        contrast=2.0,
-    )  # fmt: skip
-    return camera, scene
+    how = {"seed": 3, "size": (360, 270), "bars": 20, "duration_us": 40_000, "contrast": 2.0}
+    return camera, generate(**how, camera=camera, rotation=OMEGA)
 
 
 def test_the_synthetic_rotation_is_what_a_global_search_finds(turned):

@@ -25,11 +25,8 @@ SHAPES = {
 def bounds(config):
     """(low, high) of each member of :class:`Sums`."""
     sum_d_max = config.widths.sum_d_max if config.border != "whole" else 0
-    return [
-        (0, config.widths.sum_i_max),
-        *[(-sum_d_max, sum_d_max)] * 2,
-        *[(-config.widths.s_max, config.widths.s_max)] * 2,
-    ]
+    ends = [sum_d_max] * 2 + [config.widths.s_max] * 2
+    return [(0, config.widths.sum_i_max), *((-most, most) for most in ends)]
 
 
 def check(config, items, spacing=None, seed=0):
@@ -54,15 +51,11 @@ def check(config, items, spacing=None, seed=0):
     return recording
 
 
-def random_sums(config, rng, count):
-    columns = [edge_integers(rng, low, high, count).tolist() for low, high in bounds(config)]
-    return [Sums(*values[:3], values[3:]) for values in zip(*columns, strict=True)]
-
-
 @pytest.mark.parametrize("name", SHAPES)
 def test_matches_model(name, rng):
     config = SHAPES[name]
-    items = random_sums(config, rng, 60)
+    columns = (edge_integers(rng, low, high, 60).tolist() for low, high in bounds(config))
+    items = [Sums(*values[:3], values[3:]) for values in zip(*columns, strict=True)]
     check(config, items, rng.integers(Gradient.lead, 9, 60).tolist())
 
 

@@ -71,7 +71,6 @@ class Player:
 
 
 def limits(config):
-    """Largest level, shift and stride."""
     return config.max_level, config.formats.v.width - 2, 2
 
 

@@ -126,12 +126,7 @@ MUTANTS = {  # evaluators, module, old, new
     "last too early": (1, evaluators, "last & ~left[1]", "last"),
     "sums of another turn": (1, one_pass_gradient, "self._turns - 1, name=", "self._turns, name="),
     "begins for one alone": (1, one_pass_gradient, "over &= turn == self._turns - 1", "over &= 1"),
-    "ΣI of another turn": (
-        1,
-        one_pass_gradient,
-        "(self.latency - 2) % self._turns",
-        "(self.latency - 1) % self._turns",
-    ),
+    "ΣI of another turn": (1, one_pass_gradient, "(self.latency - 2) % self", "(self.latency - 1) % self"),
     "an image for all sums": (4, one_pass_image, "select(turn, [image.sums", "select(0 * turn, [image.sums"),
     "squares of one image": (4, one_pass_image, "select(turn, [image.squares", "select(0 * turn, [image.squares"),
     "no other tag": (4, one_pass_image, "image.next.eq(self.next)", "image.next.eq(0)"),

@@ -140,9 +140,6 @@ def test_a_broken_block_is_noticed(name, rng, monkeypatch):
         test_without_a_camera_nothing_moves_whatever_the_table_holds("odd", rng)
 
 
-# ---------------------------------------------------------------- the model
-
-
 def errors(config, camera):
     """Distance of the table's positions from the camera's, px, of all pixels that are seen on the sensor."""
     y, x = (axis.ravel() for axis in np.mgrid[0 : config.sensor_height, 0 : config.sensor_width])

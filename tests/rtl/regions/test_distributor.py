@@ -4,6 +4,7 @@ All patterns of three rows and two units, of which each is busy, can be loaded, 
 batches of one row, and outcomes that come soon or late, so that those of two batches are under way.
 """
 
+import functools
 import itertools
 
 import pytest
@@ -142,11 +143,7 @@ async def play(ctx, dut, family, patterns):
 
 def check(family, patterns):
     dut = distributor.Distributor(CONFIG)
-
-    async def bench(ctx):
-        await play(ctx, dut, family, patterns)
-
-    simulate(dut, bench)
+    simulate(dut, functools.partial(play, dut=dut, family=family, patterns=patterns))
 
 
 EVERY = [*itertools.product(itertools.product((BUSY, READY, IDLE), repeat=2), repeat=ROWS)]

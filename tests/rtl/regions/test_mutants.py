@@ -72,7 +72,6 @@ SETTINGS = dataclasses.replace(settings(CONFIG, roi_gain=CONFIG.formats.roi_gain
 
 @functools.cache
 def wanted():
-    """What the model says of each region in each window."""
     model = model_of(CONFIG)
     model.write(TABLE)
     return [model.run(*window, SETTINGS).regions for window in windows()]

@@ -96,8 +96,6 @@ def test_the_middle_is_the_regions_own():
             assert np.abs(np.array(other.v) - v).max() < 0.35
 
 
-# ---------------------------------------------------------------- mutants
-
 BROKEN = CONFIG.replace(units=1, regions=3, buffer_events=60, max_batch_events=150, bin_bits=5)
 TABLE = [
     Region(x=4, y=3, width=11, height=12, margin=(1, 0), start="last"),

@@ -28,11 +28,7 @@ ENDS = {
 class Consumer:
     """What the core does: opens a batch with an offered event, takes events, says when it has them all.
 
-    Parameters
-    ----------
-    ends : BatchEnds
-    busy : int
-        Cycles between a batch's last event and ``taken``; as many more until the next may be opened.
+    ``busy``: cycles between a batch's last event and ``taken``; as many more until the next may be opened.
     """
 
     def __init__(self, block, ends, rng, *, busy, start_p=1.0, commands=()):
@@ -52,10 +48,8 @@ class Consumer:
         opens = self.state == "idle" and self.timer == 0 and ctx.get(block.o.valid)
         ends = {"batch_events": self.ends.events, "duration": self.ends.duration, "by_tlast": int(self.ends.by_tlast)}
         # By TLAST in any cycle: it also says what an end without an event is.
-        noise = {
-            "batch_events": int(self.rng.integers(CONFIG.max_batch_events)),
-            "duration": int(self.rng.integers(99)),
-        }
+        most = {"batch_events": CONFIG.max_batch_events, "duration": 99}
+        noise = {name: int(self.rng.integers(below)) for name, below in most.items()}
         Port(block.settings).set(ctx, ends if opens else ends | noise)
         Port(block.opened).set(ctx, int(opens))
         Port(block.taken).set(ctx, int(self.state == "full" and self.timer == 0))

@@ -13,7 +13,6 @@ TIME, EVENT = 0x8000_0001, 0x1000_0000
 
 
 def stream(rng, count):
-    """EVT 2.0 words of ``count`` events with many time words among them."""
     t = np.sort(rng.integers(0, 60 * count, count))
     words = encode_evt20(t, rng.integers(0, 320, count), rng.integers(0, 320, count), rng.integers(0, 2, count))
     return [int(word) for word in np.asarray(words, "<u8").view("<u4")]
@@ -192,9 +191,8 @@ def test_pause_and_resume(rng):
     pins = levels(to_bytes(words))
     port = Port(pins, inputs={300: {"enable": 0}, 600: {"enable": 1}})
     assert 0 < port.counts["skipped"] == len(words) - len(port.words) and port.counts["words"] == len(port.words)
-    assert (
-        50 < port.counts["skipped"] < 110
-    )  # 300 cycles of the sensor's clock are some 73 words, and up to a time word
+    # 300 cycles of the sensor's clock are some 73 words, and up to a time word.
+    assert 50 < port.counts["skipped"] < 110
     _times_are_right(port.words, words)
     assert port.words[-1] == words[-1]
     asleep = Port(pins, start=False)

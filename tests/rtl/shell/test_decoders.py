@@ -21,10 +21,6 @@ END = Token(0, 0, 0, False, False, True)
 PULSES = {"format_error": "format_errors", "other": "other_words", "back": "time_high_back"}
 
 
-def payload(beat):
-    return {"data": beat.data, "keep": beat.keep, "last": int(beat.last), "user": 0}
-
-
 def as_tokens(value):
     """A token of the hardware, an event each; what has no meaning without an event left out."""
     x, end = value["x"], bool(value["end"])
@@ -39,8 +35,9 @@ def check(form, beats, flow, rng, config=CONFIG, swap=0):
     block, inputs, tail = Decoder(config), {"format": FORMATS[form]}, 12
     if form == "EVT30":
         block, inputs, tail = Evt3Decoder(config.replace(evt3=1)), {}, 8 * len(beats) + 40
+    items = [{**beat._asdict(), "last": int(beat.last), "user": 0} for beat in beats]
     passage = pass_through(
-        block, [payload(beat) for beat in beats], flow, rng, expect=0 if form == "EVT30" else len(expected),
+        block, items, flow, rng, expect=0 if form == "EVT30" else len(expected),
         pulses=PULSES, inputs=inputs | {"swap": swap}, tail=tail,
     )  # fmt: skip
     assert [token for value in passage.values for token in as_tokens(value)] == expected
@@ -188,15 +185,10 @@ def test_one_per_cycle(name, rng):
 
 @pytest.mark.parametrize("flow", FLOWS)
 def test_sensor_gate(flow, rng):
+    places = (rng.choice([0, 100, side - 1, side, 65535], 200) for side in (240, 180))
     tokens = [
         Token(int(rng.integers(1 << 32)), int(x), int(y), bool(rng.random() < 0.8), bool(event), bool(end))
-        for x, y, event, end in zip(
-            rng.choice([0, 100, 239, 240, 65535], 200),
-            rng.choice([0, 100, 179, 180, 65535], 200),
-            rng.random(200) < 0.8,
-            rng.random(200) < 0.3,
-            strict=True,
-        )
+        for x, y, event, end in zip(*places, rng.random(200) < 0.8, rng.random(200) < 0.3, strict=True)
         if event or end
     ]
     expected, counts = sensor_gate(CONFIG, tokens)

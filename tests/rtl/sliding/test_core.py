@@ -73,6 +73,17 @@ def compare(wanted, found):
     assert len(wanted) == len(found)
 
 
+def compared(core, config, counts, rng):
+    """The model's results of so many drawn events each time, which are the core's, whenever events come."""
+    given = BatchSettings.from_config(config, roi=CORNER)
+    for count in counts:
+        events = on_the_sensor(config, rng, drawn(rng, count))
+        wanted = list(Sliding(config, given).run(*events))
+        for waits in (False, True):
+            compare(wanted, played(core, given, events, rng, waits=waits))
+        yield wanted
+
+
 @pytest.fixture(scope="module")
 def cores():
     """A simulated core of each hardware that is asked for."""
@@ -84,16 +95,11 @@ def cores():
 
 @pytest.mark.parametrize("name", CASES)
 def test_hops_equal_the_model(name, cores, rng):
-    config = CASES[name]
-    given = BatchSettings.from_config(config, roi=CORNER)
-    degenerate = 0
-    for count in (700, 700, 2500):
-        events = on_the_sensor(config, rng, drawn(rng, count))
-        wanted = list(Sliding(config, given).run(*events))
-        for waits in (False, True):
-            compare(wanted, played(cores(config), given, events, rng, waits=waits))
+    config, degenerate = CASES[name], 0
+    follows = bool(BatchSettings.from_config(config).follow)
+    for wanted in compared(cores(config), config, (700, 700, 2500), rng):
         degenerate += sum(Flag.DEGENERATE in one.flags for one in wanted)
-        assert len(wanted) > 20 and any(one.late for one in wanted) == bool(given.follow)
+        assert len(wanted) > 20 and any(one.late for one in wanted) == follows
     assert degenerate > 2
 
 

@@ -96,8 +96,7 @@ class Host:
         return (await self.request(link.READ, address.to_bytes(2, "little")))[1]
 
     async def write(self, address, value, **how):
-        await_reply = self.request(link.WRITE, address.to_bytes(2, "little") + value.to_bytes(4, "little"), **how)
-        return await await_reply
+        return await self.request(link.WRITE, address.to_bytes(2, "little") + value.to_bytes(4, "little"), **how)
 
     async def events(self, words, last=False, **how):
         content = np.asarray(words, "<u4").tobytes()
@@ -105,15 +104,11 @@ class Host:
 
     async def counters(self):
         """Those that are not 0."""
-        found = {}
-        for name in link.COUNTERS:
-            value = await self.read(link.BASE + link.REGISTERS[f"COUNT_{name.upper()}"].offset)
-            if value:
-                found[name] = value
-        return found
+        offsets = {name: link.REGISTERS[f"COUNT_{name.upper()}"].offset for name in link.COUNTERS}
+        found = {name: await self.read(link.BASE + offset) for name, offset in offsets.items()}
+        return {name: value for name, value in found.items() if value}
 
     def offer(self, beats):
-        """A packet, for the bridge to send."""
         self._offer += [(beat, k == len(beats) - 1) for k, beat in enumerate(beats)]
 
 

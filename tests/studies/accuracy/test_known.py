@@ -55,9 +55,8 @@ def test_scores():
     values = np.array(rows)
     told = default_use.scores(values, 2)
     counts = ("tracks", "batches", "answered", "trusted", "wrong_of_trusted")
-    assert [told[name] for name in counts] == [2, 4, 3, 2, 1] and told["median_error_of_trusted_px"] == pytest.approx(
-        0.4
-    )
+    assert [told[name] for name in counts] == [2, 4, 3, 2, 1]
+    assert told["median_error_of_trusted_px"] == pytest.approx(0.4)
     assert told["in_ellipses"] == [0.5, 1.0, 1.0], "inside of 1.39, 2.28 and 5.99 deviations squared"
     none = default_use.scores(values[2:], 1)
     assert none["median_error_of_trusted_px"] is None and none["in_ellipses"] == []

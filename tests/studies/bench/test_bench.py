@@ -178,11 +178,7 @@ def test_what_is_missing_is_a_line(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "eventcv", None)
     assert command("--quick", "--clock", "100") == 0
     text = capsys.readouterr().out
-    for line in (
-        "no C compiler",
-        "the comparison with eventcv: eventcv is not",
-        "no C++ compiler found",
-    ):
+    for line in ("no C compiler", "the comparison with eventcv: eventcv is not", "no C++ compiler found"):
         assert len(re.findall(f"^  {re.escape(line)}", text, re.MULTILINE)) == 1
     for what, last in ((", judge=0", 40), ("", 46)):
         row = rf"core, preset quad{what} +5 +9,3{last} computed +856 +4,3{last} cycles .* µs .* µs$"
@@ -227,8 +223,6 @@ def test_all_cases_are_made():
     one, none = (full.cycles(events=0, roi_events=5000, iterations=count) for count in (1, 0))
     assert one - none == 5063
 
-
-# ---------------------------------------------------------------- workloads and timing
 
 SIZES = {
     "the article's": {"events": 5000, "roi_events": 800},

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from studies.bench.opponents import Unavailable
 from studies.bench.opponents.c_program import FlowProgram
 
 from cmfpga.config import preset
@@ -15,6 +14,7 @@ from studies.bench import flow, main
 
 pytest.importorskip("torch")
 from cmfpga.reference.regions import RegionSequence
+from support.opponents import made
 from support.steps import StepCore
 
 CONFIG = preset("flow").replace(undistortion="off")
@@ -23,10 +23,7 @@ EVENTS = 9000
 
 @pytest.fixture(scope="module")
 def program():
-    try:
-        return FlowProgram()
-    except Unavailable as error:
-        pytest.skip(str(error))
+    return made(FlowProgram)
 
 
 @pytest.fixture(scope="module")

@@ -2,22 +2,22 @@
 
 import contextlib
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 from studies.bench.cases import MOTION_PX, make_workload
-from studies.bench.opponents import Job, Unavailable
+from studies.bench.opponents import Job
 from studies.bench.opponents.c_program import HopProgram
 
 from cmfpga.events import Events
 from cmfpga.protocol.confidence import beside
-from studies.bench import hops, opponents
+from studies.bench import hops
 
 pytest.importorskip("torch")
 import torch
 
 from cmfpga.reference import float_core, floating
+from support.opponents import broken, made
 
 #: The round 1:3/4:1.
 LEVEL, BESIDE, LIMIT = 1, 0.75, 1
@@ -25,13 +25,6 @@ LEVEL, BESIDE, LIMIT = 1, 0.75, 1
 STEP = 1e-5
 #: From near the motion; from where v is limited; from where there is no peak.
 STARTS = {"near": (2.7, -1.6), "far": (1.2, -0.4), "at rest": (0.0, 0.0), "on the other side": (-2.0, 3.0)}
-
-
-def make(*arguments):
-    try:
-        return HopProgram(*arguments)
-    except Unavailable as reason:
-        pytest.skip(str(reason))
 
 
 def window(start=(2.7, -1.6), n=800, seed=1):
@@ -42,7 +35,7 @@ def window(start=(2.7, -1.6), n=800, seed=1):
 
 @pytest.fixture(scope="module")
 def program():
-    return make()
+    return made(HopProgram)
 
 
 def edge(n=400):
@@ -125,13 +118,7 @@ MUTANTS = {
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_broken_program_is_noticed(name, tmp_path):
     old, new = MUTANTS[name]
-    here = Path(opponents.__file__).parent
-    for file in ("program.h", "int16.c", "hop.c"):
-        text = (here / file).read_text(encoding="utf-8")
-        assert file != "hop.c" or text.count(old) == 1
-        (tmp_path / file).write_text(text.replace(old, new) if file == "hop.c" else text, encoding="utf-8")
-    program = make(tmp_path)
-    apart = []
+    program, apart = made(HopProgram, broken(tmp_path, ("program.h", "int16.c", "hop.c"), old, new)), []
     for job in (edge(), *(window(start, 400) for start in STARTS.values())):
         with contextlib.closing(program.load(job)) as loaded:
             apart += [abs(a - b) for a, b in zip(loaded.tail(), right_v(job), strict=True)]
@@ -145,6 +132,5 @@ def test_the_table_has_a_line_for_each_length():
     ]  # fmt: skip
     lines = hops.text_of_programs(rows, 100, "cc", "a processor")
     assert "91 cycles at 100 MHz" in lines[0] and len(lines) == 3
-    assert (
-        "800 events, 2 recordings: after the hop 8.00 (8.8 ×); following 0.10 (0.11 ×), and 40 ns an event" in lines[2]
-    )
+    said = "800 events, 2 recordings: after the hop 8.00 (8.8 ×); following 0.10 (0.11 ×), and 40 ns an event"
+    assert said in lines[2]

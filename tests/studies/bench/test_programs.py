@@ -1,7 +1,6 @@
 """The opponents do what the float64 reference does: gradient by gradient, and to the same v."""
 
 import platform
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +10,12 @@ from studies.bench.opponents import CProgram, Job, Unavailable, c_program, make_
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.events import Events
-from studies.bench import opponents, programs
+from studies.bench import programs
 
 pytest.importorskip("torch")
 from cmfpga.reference import float_core, floating
 from support import steps
+from support.opponents import broken, made
 
 #: Of a gradient, relative to the largest: float32 sums of some thousand terms; positions in 1/256 px.
 TOLERANCE = {"gather": 2e-5, "int16": 0.06}
@@ -25,16 +25,9 @@ STEP = {"gather": 1e-3, "int16": 1e-2}
 NEAR = 1e-4
 
 
-def make(form, *arguments, **options):
-    try:
-        return CProgram(form, *arguments, **options)
-    except Unavailable as reason:
-        pytest.skip(str(reason))
-
-
 @pytest.fixture(scope="module", params=["gather", "int16"])
 def program(request):
-    return make(request.param)
+    return made(CProgram, request.param)
 
 
 def scaled(job):
@@ -188,7 +181,8 @@ def test_probes_are_gradients_beside_v(program, batch):
 
 def test_16_bits_are_the_same_without_vector_instructions(batch, rng):
     """What has no sign in C is written twice."""
-    plain, fast = make("int16", options=("-mno-avx2",) if platform.machine() == "x86_64" else ()), make("int16")
+    options = ("-mno-avx2",) if platform.machine() == "x86_64" else ()
+    plain, fast = made(CProgram, "int16", options=options), made(CProgram, "int16")
     for shape in SHAPES.values():
         job = make_job(rng, width=shape[0], height=shape[1], events=shape[2], dither=True)
         places = [(v, level) for v in VELOCITIES.values() for level in (0, 1, 2)]
@@ -203,10 +197,10 @@ def test_16_bits_have_limits(events, width, fits):
         events=Events(np.arange(events), at, at, np.zeros(events)), roi=(0, 0), width=width, height=64, iterations=1
     )
     if fits:
-        assert run(make("int16"), job) == right_v(job)
+        assert run(made(CProgram, "int16"), job) == right_v(job)
     else:
         with pytest.raises(OverflowError, match="127 events a pixel at most, and images of 250 px"):
-            run(make("int16"), job)
+            run(made(CProgram, "int16"), job)
 
 
 def test_once_more_is_the_same(program, batch):
@@ -228,8 +222,6 @@ def test_nothing_to_do(program, kind):
     assert run(program, job) == (1.5, -0.5)
 
 
-# ---------------------------------------------------------------- these tests can fail
-
 MUTANTS = {
     "votes that vanish": ("int16", "even[k] += odd[k] << 16 | odd[k - stride] >> 16", "even[k] += odd[k] << 16"),
     "a derivative's sign": ("int16", "k % 2 ? -part_x[k] : part_x[k]", "part_x[k]"),
@@ -245,20 +237,11 @@ MUTANTS = {
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_broken_program_is_noticed(name, tmp_path, rng):
     form, old, new = MUTANTS[name]
-    changed = 0
-    for file in ("program.h", f"{form}.c"):
-        text = (Path(opponents.__file__).parent / file).read_text(encoding="utf-8")
-        changed += text.count(old)
-        (tmp_path / file).write_text(text.replace(old, new), encoding="utf-8")
-    assert changed == 1
-    mutant = make(form, tmp_path)
+    mutant = made(CProgram, form, broken(tmp_path, ("program.h", f"{form}.c"), old, new))
     width, height, events = SHAPES["dense"]
     job = make_job(rng, width=width, height=height, events=events, dither=True)
     with pytest.raises(AssertionError):
         assert_equal_gradients(mutant, job, [(v, level) for v in VELOCITIES.values() for level in (0, 1, 2)])
-
-
-# ---------------------------------------------------------------- what is missing
 
 
 def test_without_a_compiler_there_is_a_line_instead(monkeypatch):

@@ -8,15 +8,7 @@ import cocotb
 import numpy as np
 from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, RisingEdge, with_timeout
-from cocotbext.axi import (
-    AxiLiteBus,
-    AxiLiteMaster,
-    AxiStreamBus,
-    AxiStreamFrame,
-    AxiStreamMonitor,
-    AxiStreamSink,
-    AxiStreamSource,
-)
+from cocotbext import axi
 
 from cmfpga.config import Config
 from cmfpga.protocol.registers import register_map
@@ -30,31 +22,23 @@ PERIOD = 4  # ns
 class Board:
     """Ports driven by cocotbext-axi; registers by name.
 
-    Attributes
-    ----------
-    cycle : int
-        Clock cycles since the start.
-    taken : list of int
-        Cycles in which a word was taken from s_axis.
-    sent : list of (int, bool)
-        Cycles in which m_axis handed a word over, and whether it had TLAST.
+    ``cycle`` counts since the start; a word of s_axis was taken in the cycles ``taken``; ``sent`` are those in which
+    m_axis handed one over, and whether it had TLAST.
     """
 
     def __init__(self, dut, *, seed=0, pauses=0.0):
         self.dut = dut
         self.registers = register_map(CONFIG)
         self.random = random.Random(seed)
-        for name in ("s_axi_awprot", "s_axi_arprot", "s_axi_awvalid", "s_axi_wvalid", "s_axi_arvalid", "s_axis_tvalid"):
+        lite = "awprot", "arprot", "awvalid", "wvalid", "arvalid", "bready", "rready"
+        for name in (*(f"s_axi_{one}" for one in lite), "s_axis_tvalid", "m_axis_tready", "aresetn"):
             getattr(dut, name).value = 0
-        for name in ("s_axi_bready", "s_axi_rready", "m_axis_tready"):
-            getattr(dut, name).value = 0
-        dut.aresetn.value = 0
         cocotb.start_soon(Clock(dut.aclk, PERIOD, unit="ns").start())
         reset = (dut.aclk, dut.aresetn, False)
-        self.lite = AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axi"), *reset)
-        self.source = AxiStreamSource(AxiStreamBus.from_prefix(dut, "s_axis"), *reset)
-        self.sink = AxiStreamSink(AxiStreamBus.from_prefix(dut, "m_axis"), *reset)
-        self.monitor = AxiStreamMonitor(AxiStreamBus.from_prefix(dut, "m_axis"), *reset)
+        self.lite = axi.AxiLiteMaster(axi.AxiLiteBus.from_prefix(dut, "s_axi"), *reset)
+        self.source = axi.AxiStreamSource(axi.AxiStreamBus.from_prefix(dut, "s_axis"), *reset)
+        self.sink = axi.AxiStreamSink(axi.AxiStreamBus.from_prefix(dut, "m_axis"), *reset)
+        self.monitor = axi.AxiStreamMonitor(axi.AxiStreamBus.from_prefix(dut, "m_axis"), *reset)
         for stream in (self.source, self.sink, self.monitor):
             stream.log.setLevel("ERROR")  # they write out whole packets
         self.cycle, self.taken, self.sent = 0, [], []
@@ -121,7 +105,6 @@ class Board:
         return register[field].unpack(word) if field else word
 
     async def counters(self):
-        """All counters by their links."""
         return {
             link: await self.read_word(parts[0][0].offset) for link, parts in self.registers.linked("Counters").items()
         }
@@ -140,14 +123,12 @@ class Board:
                 await self.write_word(register.offset, word)
 
     async def until(self, name, field, value=1):
-        """Poll a field."""
         for _ in range(4000):
             if await self.read(name, field) == value:
                 return
         raise AssertionError(f"{name}.{field} is not {value} after 4000 reads")
 
     async def result_registers(self):
-        """The result as the registers show it."""
         group = self.registers.group("Result")
         offsets = range(group[0].offset, group[-1].offset + 4, 4)
         return result_values(self.registers, [await self.read_word(offset) for offset in offsets])
@@ -158,7 +139,7 @@ class Board:
         """One packet of 64-bit words, TLAST with the last; ``keep`` has one mask a word."""
         data = np.asarray(words, "<u8").tobytes()
         keep = None if keep is None else [mask >> n & 1 for mask in keep for n in range(8)]
-        await self.source.send(AxiStreamFrame(data, tkeep=keep))
+        await self.source.send(axi.AxiStreamFrame(data, tkeep=keep))
         if wait:
             await with_timeout(self.source.wait(), 1, "ms")
 
@@ -169,5 +150,4 @@ class Board:
         return np.frombuffer(bytes(frame.tdata), "<u8").astype(np.uint64)
 
     async def result(self, **options):
-        """The next result packet's values."""
         return result_values(self.registers, split_packets(self.registers, await self.packet(**options))[0].tolist())

@@ -33,7 +33,6 @@ class Expected:
     def __init__(self, config):
         self.config = config
         self.core = IntegerCore(config)
-        self.batches = 0
         self.totals = dict.fromkeys(
             (*COUNTS, "batches", "degenerate", "cut", "doubtful", "restarted", "events_taken",
              "events_in", "before_time", "out_of_sensor",
@@ -55,22 +54,13 @@ class Expected:
         """A result's values, less ``cycles``."""
         t, x, y, cut = batch
         found = self.core.run(t, x, y, settings, cut=cut)
-        self.batches += 1
-        self.totals["batches"] += 1
-        self.totals["doubtful"] += Flag.DOUBTFUL in found.flags
-        self.totals["restarted"] += found.restarted or 0
-        self.totals["degenerate"] += Flag.DEGENERATE in found.flags
-        self.totals["cut"] += cut
-        for name in COUNTS:
-            self.totals[name] += getattr(found, name)
-        assert found.events == sum(getattr(found, name) for name in COUNTS) == len(t)
-        return {
-            **raw_values(self.config, found),
-            "batch": self.batches,
-            "wire": wire,
-            "config_range": config_range,
-            "t_ref": (int(t[0]) + found.span // 2) % (1 << 32),
-        }
+        counts = {name: getattr(found, name) for name in COUNTS}
+        assert found.events == sum(counts.values()) == len(t)
+        counts |= {flag.name.lower(): flag in found.flags for flag in (Flag.DOUBTFUL, Flag.DEGENERATE)}
+        for name, count in (counts | {"batches": 1, "cut": cut, "restarted": found.restarted or 0}).items():
+            self.totals[name] += count
+        own = {"batch": self.totals["batches"], "wire": wire, "config_range": config_range}
+        return raw_values(self.config, found) | own | {"t_ref": (int(t[0]) + found.span // 2) % (1 << 32)}
 
 
 def raw_values(config, outcome):

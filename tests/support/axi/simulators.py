@@ -68,13 +68,8 @@ def simulate(simulator, config, tests, folder):
         )  # fmt: skip
     modules = [f"support.axi.{module}" for module in tests]
     names = "|".join(rf"{module}\.{name}" for module, names in tests.items() for name in names)
-    extra = {
-        "PYTHONWARNINGS": "ignore::DeprecationWarning",
-        "CMFPGA_CONFIG": json.dumps(config.to_dict()),
-        "COCOTB_LOG_LEVEL": "WARNING",
-        "COCOTB_ANSI_OUTPUT": "0",
-        "COCOTB_TEST_FILTER": rf"\.({names})$",
-    }
+    extra = {"CMFPGA_CONFIG": json.dumps(config.to_dict()), "PYTHONWARNINGS": "ignore::DeprecationWarning"}
+    extra |= {"COCOTB_LOG_LEVEL": "WARNING", "COCOTB_ANSI_OUTPUT": "0", "COCOTB_TEST_FILTER": rf"\.({names})$"}
     # Under pytest the runner raises SystemExit where a test fails; the file says which.
     with contextlib.suppress(SystemExit):
         runner.test(

@@ -58,12 +58,7 @@ class AnyContent:
 
 
 class AxiHarness(Elaboratable):
-    """The AXI top with masters that keep the rules and otherwise do anything, and a reset at any time.
-
-    Parameters
-    ----------
-    top : AxiTop
-    """
+    """The AXI top with masters that keep the rules and otherwise do anything, and a reset at any time."""
 
     #: Number of its cover statements.
     COVERS = 5

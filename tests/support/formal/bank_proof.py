@@ -18,16 +18,7 @@ class RowShadow:
 
     The shadow changes at once with each operation on the row. ``hit``, ``before`` and ``after`` are delay lines: item
     ``n`` is about the operation that was offered ``n`` cycles ago, and is what the pipeline has to agree with where
-    that operation is then.
-
-    Parameters
-    ----------
-    word : :class:`StructLayout`
-        Members of the row.
-    name : str
-        Prefix of the signals' names.
-    write : int
-        An operation reaches the RAM's write port this many cycles after it was offered.
+    that operation is then. ``word``: layout of the row; ``write``: cycles until an operation reaches the write port.
     """
 
     def __init__(self, word, name, write):
@@ -82,7 +73,11 @@ def tagged_word(config):
 
 
 class BankHarness(Harness):
-    """Any operation in any cycle into one bank."""
+    """Any operation in any cycle into one bank; ``cases(m)`` are covered.
+
+    ``operation()``: the row's layout; of a word: what it becomes, by member; of a word: pairs (what is answered, the
+    same).
+    """
 
     def properties(self, m, row, memories):
         dut = self.dut
@@ -105,14 +100,6 @@ class BankHarness(Harness):
         cases = self.cases(m)
         assert len(cases) == self.COVERS
         m.d.comb += [Cover(case) for case in cases]
-
-    def operation(self):
-        """Layout of the row; of a word: what it becomes, by member; of a word: pairs (what is answered, the same)."""
-        raise NotImplementedError
-
-    def cases(self, m):
-        """What is covered."""
-        raise NotImplementedError
 
 
 class ReadAddWriteHarness(BankHarness):

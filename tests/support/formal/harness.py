@@ -58,22 +58,14 @@ class AnyOnCollision:
 
     Anything: a new, free value at each edge at which the row is written while it is read, and for every other row.
     What is proved over this model holds for RAMs that return the old word, the new one, or noise. One row is enough,
-    because it is any row, and it makes the model as small for 1024 words as for four.
-
-    Attributes
-    ----------
-    row : :class:`Signal`
-        The row; constant, and otherwise chosen by the solver. :class:`Harness` drives it.
-    memories : :class:`list` of :class:`RowModel`
-        In the order of elaboration.
-    any_content : :class:`bool`
-        Rows start with a word that the solver chooses, as a reset, which clears no RAM, may leave there; else with 0.
+    because it is any row (constant, driven by :class:`Harness`), and it makes the model as small for 1024 words as for
+    four. With ``any_content`` it starts with a word that the solver chooses, as a reset, which clears no RAM, may leave
+    there; else with 0.
     """
 
     def __init__(self, depth, any_content):
         self.depth, self.any_content = depth, any_content
-        self.row = Signal(range(max(2, depth)))
-        self.memories = []
+        self.row, self.memories = Signal(range(max(2, depth))), []  # in the order of elaboration
 
     def get_memory(self, memory):
         """Hook of :class:`amaranth.lib.memory.Memory`: what is elaborated in its place."""
@@ -118,14 +110,9 @@ class RowModel(Elaboratable):
 
 
 class Harness(Elaboratable):
-    """A component whose inputs are free, and its properties.
+    """A component whose inputs are free, and whose memories have ``depth`` words each.
 
-    Parameters
-    ----------
-    dut : :class:`wiring.Component`
-        What is proved.
-    depth : int
-        Words of each of its memories.
+    ``properties(m, row, memories)`` adds inputs, assertions and covers.
     """
 
     any_content = False
@@ -145,18 +132,10 @@ class Harness(Elaboratable):
         self.properties(m, platform.row, platform.memories)
         return m
 
-    def properties(self, m, row, memories):
-        """Add inputs, assertions and covers."""
-        raise NotImplementedError
-
     def register(self, name, domain="sync"):
         """A register of the device by its name, or another signal that ``domain`` drives."""
-        found = [
-            signal
-            for statement in self.fragment.statements[domain]
-            for signal in statement._lhs_signals()
-            if signal.name == name
-        ]
+        driven = (signal for statement in self.fragment.statements[domain] for signal in statement._lhs_signals())
+        found = [signal for signal in driven if signal.name == name]
         assert found, f"no register {name!r} in {type(self.dut).__name__}: what the induction is told has to follow"
         return found[0]
 
@@ -243,16 +222,8 @@ def solve(harness, mode, depth, *, search=("--unroll", "--noincr")):
 
 
 def _run(command, folder):
-    """Exit status and everything that was printed."""
-    with subprocess.Popen(
-        command,
-        cwd=folder,
-        env=os.environ | {"PATH": SEARCH_PATH},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    ) as process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "start_new_session": True}
+    with subprocess.Popen(command, cwd=folder, env=os.environ | {"PATH": SEARCH_PATH}, **pipes) as process:
         try:
             said = process.communicate(timeout=TIME_OUT)[0]
             return process.returncode, said

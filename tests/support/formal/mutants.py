@@ -18,7 +18,6 @@ class Mutant:
     original: types.ModuleType = accumulator
 
     def module(self):
-        """The mutated module."""
         return mutated(self.original, self.old, self.new)
 
     def __str__(self):

@@ -11,7 +11,6 @@ from studies.crosscheck.compare import compare_stream
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import Round, ScheduleEntry, used_events
 from cmfpga.engines.model import FloatEngine
-from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.protocol.flags import OF_CONFIDENCE, Flag
 from cmfpga.protocol.results import fields_of
@@ -66,7 +65,6 @@ def pair(request):
 
 
 def accounted(result):
-    """Events that a result says something of: all of them."""
     lost = result.overflow + result.thinned + result.time_back + result.time_span
     return result.roi_events + result.outside + lost
 
@@ -254,25 +252,18 @@ def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
     good = BatchSettings.from_config(config, roi)
     largest = config.formats.v.width - 2
     for bad, limited in (
-        ((3, 2, 1), (2, 2, 1)),
-        ((1, largest + 1, 0), (1, largest, 0)),
-        ((3, 15, 3), (2, largest, 2)),
+        ((3, 2, 1), (2, 2, 1)), ((1, largest + 1, 0), (1, largest, 0)), ((3, 15, 3), (2, largest, 2)),
         ((1, 1, 3), (1, 1, 2)),
-    ):
-        entries = [(2, 6, 2), bad, (0, 1, 0)]
-        core.write_schedule(entries)
-        settings = replace(
-            good,
-            cold=tuple(
-                ScheduleEntry(level, shift - config.formats.v.f, 1 << stride)
-                for level, shift, stride in ((2, 6, 2), limited, (0, 1, 0))
-            ),
-        )
+    ):  # fmt: skip
+        core.write_schedule([(2, 6, 2), bad, (0, 1, 0)])
+        cold = ((2, 6, 2), limited, (0, 1, 0))
+        plan = (ScheduleEntry(level, shift - config.formats.v.f, 1 << stride) for level, shift, stride in cold)
+        settings = replace(good, cold=tuple(plan))
         (values,), traces, _ = core.play([(t, x, y)], [settings_values(config, settings)])
         expected = model.run(t, x, y, settings)
         assert Flag.SCHEDULE in Flag(values["flags"])
         assert to_batch_result(config, [values], traces).trace == expected.trace
-        core.write_schedule([(2, 6, 2), limited, (0, 1, 0)])
+        core.write_schedule(cold)
         (values,), _, _ = core.play([(t, x, y)], [settings_values(config, settings)])
         model.run(t, x, y, settings)
         assert Flag.SCHEDULE not in Flag(values["flags"])
@@ -314,8 +305,3 @@ def test_more_iterations_than_there_are_tags(rng):
         assert_same(rtl, expected)
         iterations += rtl.iterations
     core.close()
-
-
-def test_too_few_tags_are_refused_with_the_numbers():
-    with pytest.raises(ConfigError, match=r"^tag_bits = 6: .* · 51 idle cycles an iteration = 3213, .* 4096 words"):
-        preset("fast").replace(tag_bits=6)

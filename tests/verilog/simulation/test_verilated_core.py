@@ -63,14 +63,10 @@ def test_a_closed_core_is_not_used(compiler, rng):
     axes, values = (events.t, events.x, events.y), settings_values(CONFIG, settings((8, 8)))
     core.close()
     core.close()  # safe
-    for use in (
-        core.reset,
-        lambda: core.play([axes], [values]),
-        lambda: core.write_schedule(((0, 1, 1),)),
-        core.take_waves,
-    ):
+    uses = (core.reset,), (core.take_waves,), (core.play, [axes], [values]), (core.write_schedule, ((0, 1, 1),))
+    for use, *arguments in uses:
         with pytest.raises(ValueError, match=r"^the simulated core is closed$"):
-            use()
+            use(*arguments)
 
 
 def test_random_contents_of_memories_do_not_matter(compiler, verilated_core, rng):
