@@ -43,16 +43,21 @@ class Job:
             raise ValueError(f"{len(self.schedule)} entries of a schedule for {self.iterations} iterations")
 
 
+def _layout(*groups):
+    return [(name, kind) for kind, names in groups for name in names.split()]
+
+
 class JobOfC(ctypes.Structure):
     """``Job`` of program.h."""
 
-    _fields_ = (
-        [(name, ctypes.c_void_p) for name in ("t", "x", "y")]
-        + [("events", ctypes.c_int64)]
-        + [(name, ctypes.c_int32) for name in ("roi_x", "roi_y", "width", "height", "iterations", "dither", "probes")]
-        + [(name, ctypes.c_void_p) for name in ("levels", "steps", "strides")]
-        + [("eta", ctypes.c_double)]
-        + [(name, ctypes.c_double * size) for name, size in (("v_start", 2), ("v", 2), ("g", 8))]
+    _fields_ = _layout(
+        (ctypes.c_void_p, "t x y"),
+        (ctypes.c_int64, "events"),
+        (ctypes.c_int32, "roi_x roi_y width height iterations dither probes"),
+        (ctypes.c_void_p, "levels steps strides"),
+        (ctypes.c_double, "eta"),
+        (ctypes.c_double * 2, "v_start v"),
+        (ctypes.c_double * 8, "g"),
     )
 
 
@@ -102,8 +107,7 @@ class Loaded:
     def __init__(self, library, job):
         self._library = library
         events = job.events
-        self._keep = [np.ascontiguousarray(a) for a in (events.t, events.x, events.y)]
-        self._keep += [] if job.schedule is None else _plan(job.schedule)
+        self._keep = [events.t, events.x, events.y, *([] if job.schedule is None else _plan(job.schedule))]
         pointers = [array.ctypes.data for array in self._keep] + [None] * 3
         self._job = JobOfC(
             *pointers[:3], len(events), *job.roi, job.width, job.height, job.iterations, job.dither, job.probes,
@@ -152,21 +156,19 @@ class Loaded:
 class _Tile(ctypes.Structure):
     """``Tile`` of flow.c."""
 
-    _fields_ = (
-        [(name, ctypes.c_int32) for name in ("x", "y", "width", "height", "left", "top", "parent", "stride")]
-        + [("iterations", ctypes.c_int32)]
-        + [(name, ctypes.c_void_p) for name in ("levels", "strides", "steps")]
+    _fields_ = _layout(
+        (ctypes.c_int32, "x y width height left top parent stride iterations"),
+        (ctypes.c_void_p, "levels steps strides"),
     )
 
 
 class _Flow(ctypes.Structure):
     """``Flow`` of flow.c."""
 
-    _fields_ = (
-        [("window", JobOfC)]
-        + [(name, ctypes.c_int32) for name in ("sensor_width", "sensor_height", "bin_bits", "most")]
-        + [(name, ctypes.c_int32) for name in ("tiles", "coarse", "threads")]
-        + [(name, ctypes.c_void_p) for name in ("tile", "v", "probes")]
+    _fields_ = _layout(
+        (JobOfC, "window"),
+        (ctypes.c_int32, "sensor_width sensor_height bin_bits most tiles coarse threads"),
+        (ctypes.c_void_p, "tile v probes"),
     )
 
 
@@ -182,27 +184,22 @@ class FlowProgram(CProgram):
         Of ``regions`` those without a parent come first. ``settings`` have the schedules; v starts at 0. ``threads``: 1
         to 64.
         """
-        keep = [np.ascontiguousarray(axis) for axis in (events.t, events.x, events.y)]
-        plans = {name: _plan(getattr(settings, name)) for name in ("cold", "warm")}
-        tiles, coarse = (_Tile * len(regions))(), 0
-        for region, tile in zip(regions, tiles, strict=True):
-            child = region.start == "parent"
-            coarse += not child
-            levels, steps, strides = plans["warm" if child else "cold"]
-            pointers = (each.ctypes.data for each in (levels, strides, steps))
-            parent = region.parent if child else -1
-            place = region.x, region.y, region.width, region.height, *region.corner(config), parent, region.stride
-            for (name, _), value in zip(_Tile._fields_, (*place, len(levels), *pointers), strict=True):
-                setattr(tile, name, value)
+        plans, tiles = [_plan(settings.cold), _plan(settings.warm)], (_Tile * len(regions))()
+        children = [region.start == "parent" for region in regions]
+        for number, (region, child) in enumerate(zip(regions, children, strict=True)):
+            place = region.x, region.y, region.width, region.height, *region.corner(config)
+            pointers = (each.ctypes.data for each in plans[child])
+            parent, count = region.parent if child else -1, len(plans[child][0])
+            tiles[number] = _Tile(*place, parent, region.stride, count, *pointers)
         v, probes = np.zeros((len(regions), 2)), np.zeros((len(regions), 8))
-        window = JobOfC(*(axis.ctypes.data for axis in keep[:3]), len(events))
+        window = JobOfC(*(axis.ctypes.data for axis in (events.t, events.x, events.y)), len(events))
         window.width, window.height, window.dither, window.probes = config.roi_width, config.roi_height, 1, 1
         flow = _Flow(
             window, config.sensor_width, config.sensor_height, config.bin_bits, config.buffer_events, len(regions),
-            coarse, threads, ctypes.addressof(tiles), v.ctypes.data, probes.ctypes.data,
+            children.count(False), threads, ctypes.addressof(tiles), v.ctypes.data, probes.ctypes.data,
         )  # fmt: skip
 
-        def run(count=1, keep=(keep, plans, tiles, probes)):
+        def run(count=1, keep=(plans, tiles, probes)):
             if not self.library.run_flow(ctypes.byref(flow), ctypes.c_int64(count)):
                 raise MemoryError(f"no memory for a window of {len(events)} events on {threads} threads")
             return v
