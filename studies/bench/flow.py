@@ -1,12 +1,10 @@
 """``python -m studies.bench --flow``: fields a second of dense flow, beside the same algorithm in C."""
 
-import os
 import time
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 from tqdm import tqdm
 
 from cmfpga.api.flow import configure
@@ -17,6 +15,7 @@ from cmfpga.events import Events, open_recording
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.sweep.task import processors
 from cmfpga.verilog.compiler import cannot_compile
 from cmfpga.verilog.simulation import VerilatedCore
 
@@ -108,8 +107,7 @@ def _programs(config, tiles, settings, events, runs, seconds, missing, step):
     with or_missing(missing):
         program = FlowProgram()
         # Without a thread for what is beside, the last one waits for it.
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        threads = sorted({1, cores})
+        threads = sorted({1, processors()})
         step("C")
         settings = with_steps(config, settings)
         runners = [program.load_window(config, tiles.regions, events, settings, count) for count in threads]
@@ -124,11 +122,9 @@ def _programs(config, tiles, settings, events, runs, seconds, missing, step):
 
 def _foreign(config, tiles, events):
     """A foreign program asked for each tile that has enough events, by its own search; once."""
-    mine, size = [], (tiles.width, tiles.height)
-    for corner in tiles.corners:
-        inside, *_ = events_in_roi(events, corner, *size)
-        if np.count_nonzero(inside) >= config.min_roi_events:
-            mine.append((events[inside], corner))
+    size = tiles.width, tiles.height
+    mine = [(events[events_in_roi(events, corner, *size)[0]], corner) for corner in tiles.corners]
+    mine = [(one, corner) for one, corner in mine if len(one) >= config.min_roi_events]
     find(*mine[0], *size)  # what is compiled at first use
     begun = time.perf_counter()
     for one, corner in mine:

@@ -77,12 +77,10 @@ def time_programs(case, programs, *, v_start, **options):
         batches, ascents = (
             side_by_side([getattr(each, what) for each in loaded], **options) for what in ("batch", "ascent")
         )
-    names = ({"name": program.name + ", confidence" * probes, "how": program.how, "confidence": probes}
-             for program, probes in rows)  # fmt: skip
-    return [
-        {**name, "batch": batch, "ascent": ascent, "v": at}
-        for name, batch, ascent, at in zip(names, batches, ascents, v, strict=True)
-    ]
+    names = [{"name": program.name + ", confidence" * probes, "how": program.how, "confidence": probes}
+             for program, probes in rows]  # fmt: skip
+    found = zip(names, batches, ascents, v, strict=True)
+    return [{**name, "batch": batch, "ascent": ascent, "v": at} for name, batch, ascent, at in found]
 
 
 def time_foreign(case, *, runs, seconds):

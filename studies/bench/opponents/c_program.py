@@ -1,7 +1,6 @@
 """The C programs: compiled here and now, for this processor; one thread, or for dense flow several."""
 
 import ctypes
-import importlib.resources
 import math
 import shutil
 import subprocess
@@ -64,28 +63,23 @@ class JobOfC(ctypes.Structure):
 class CProgram:
     """``form``.c of this package, or of a folder ``sources``, compiled with ``options`` beside :data:`OPTIONS`.
 
-    ``includes`` are the files that it includes beside program.h. Raises :exc:`Unavailable`: there is no C compiler, or
-    it refuses the program.
+    Raises :exc:`Unavailable`: there is no C compiler, or it refuses the program.
     """
 
-    def __init__(self, form, sources=None, includes=(), options=()):
+    def __init__(self, form, sources=None, options=()):
         self.form, self.name = form, f"C, {form}"
         compiler = next((path for path in map(shutil.which, COMPILERS) if path), None)
         if compiler is None:
             raise Unavailable(f"no C compiler ({', '.join(COMPILERS)}) was found: no C programs")
-        here = sources or importlib.resources.files(__package__)
         with tempfile.TemporaryDirectory(prefix="cmfpga-") as folder:
-            folder = Path(folder)
-            for name in ("program.h", *includes, f"{form}.c"):
-                (folder / name).write_text(here.joinpath(name).read_text(encoding="utf-8"), encoding="utf-8")
-            library = folder / f"{form}.so"
-            arguments = ("-std=gnu11", "-fPIC", "-shared", f"{form}.c", "-o", library.name, "-lm")
-            call = [compiler, *OPTIONS, *options, *arguments]
-            done = subprocess.run(call, cwd=folder, capture_output=True, text=True)
+            library = str(Path(folder) / f"{form}.so")
+            arguments = ("-std=gnu11", "-fPIC", "-shared", f"{form}.c", "-o", library, "-lm")
+            call, here = [compiler, *OPTIONS, *options, *arguments], sources or Path(__file__).parent
+            done = subprocess.run(call, cwd=here, capture_output=True, text=True)
             if done.returncode:
                 why = next((line for line in done.stderr.splitlines() if "error" in line), "no reason given")
                 raise Unavailable(f"{Path(compiler).name} does not compile {form}.c ({why}): no program {self.name!r}")
-            self.library = ctypes.CDLL(str(library))
+            self.library = ctypes.CDLL(library)
         self.library.work_new.restype = ctypes.c_void_p
         version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout.splitlines()
         self.how = f"{version[0] if version else compiler}, {' '.join((*OPTIONS, *options))}"
@@ -176,7 +170,7 @@ class FlowProgram(CProgram):
     """flow.c, compiled; raises :exc:`~.c_program.Unavailable` as :class:`~.c_program.CProgram` does."""
 
     def __init__(self):
-        super().__init__("flow", includes=("gather.c",), options=("-pthread",))
+        super().__init__("flow", options=("-pthread",))
 
     def load_window(self, config, regions, events, settings, threads):
         """A function of a count that measures a window so often, and returns v of each region: float64 [regions, 2].
@@ -211,7 +205,7 @@ class HopProgram(CProgram):
     """hop.c, compiled; raises :exc:`~.c_program.Unavailable` as :class:`~.c_program.CProgram` does."""
 
     def __init__(self, sources=None):
-        super().__init__("hop", sources, includes=("int16.c",))
+        super().__init__("hop", sources)
         self.library.hop_new.restype = ctypes.c_void_p
 
     def load(self, job):
