@@ -39,8 +39,7 @@ HEADS = (
 def _late(events, rng):
     """The same events with errors of their times."""
     late = np.rint(rng.normal(0, rng.uniform(*LATE_US), len(events))).astype(np.int64)
-    order = np.argsort(t := np.maximum(events.t + late, 0), kind="stable")
-    return Events(t[order], *(axis[order] for axis in (events.x, events.y, events.p)))
+    return Events.merge([Events(np.maximum(events.t + late, 0), events.x, events.y, events.p)])
 
 
 def _object(rng, v, texture, size, contrast, off=0, **fields):
@@ -67,9 +66,9 @@ def _straight(rng, v, normal, edges, half):
     return Events(t[order], x[order], y[order], np.zeros(len(t), np.uint8))
 
 
-def _velocity(rng, angle=None):
+def _velocity(rng, angle=None, speed=SPEED):
     angle = rng.uniform(0, 2 * math.pi) if angle is None else angle
-    return rng.uniform(*SPEED) * np.array([math.cos(angle), math.sin(angle)])
+    return rng.uniform(*speed) * np.array([math.cos(angle), math.sin(angle)])
 
 
 def single(rng, k):
@@ -83,11 +82,9 @@ def single(rng, k):
 def grating(rng, k):
     """Stripes that fill the ROI, or a patch of them; every third moves anywhere, every fourth too slowly."""
     angle, period, half = rng.uniform(0, ANGLE), rng.uniform(*PERIOD), (26, 45)[k % 2]
-    v = _velocity(rng, angle + math.pi * rng.integers(2) if k % 3 else None) * (
-        rng.uniform(0.05, 0.5) if k % 4 == 0 else 1
-    )
-    edges = np.arange(-1.5 * half, 1.5 * half, period / 2)
-    return _straight(rng, v, angle, edges, half), (v,)
+    v = _velocity(rng, angle + math.pi * rng.integers(2) if k % 3 else None)
+    v *= rng.uniform(0.05, 0.5) if k % 4 == 0 else 1
+    return _straight(rng, v, angle, np.arange(-1.5 * half, 1.5 * half, period / 2), half), (v,)
 
 
 def late_grating(rng, k):
@@ -114,8 +111,8 @@ def _two(rng, k, one, two, through):
 
 def beside(rng, k, through=False):
     """Two objects beside each other, each with a motion of its own."""
-    v, angle = _velocity(rng), rng.uniform(0, 2 * math.pi)
-    return _two(rng, k, v, v + rng.uniform(*APART) * np.array([math.cos(angle), math.sin(angle)]), through)
+    v = _velocity(rng)
+    return _two(rng, k, v, v + _velocity(rng, speed=APART), through)
 
 
 def through(rng, k):
@@ -152,15 +149,11 @@ def counts(values):
     """The values as numbers of batches."""
     before, wrong, left = values[:, 0] > 0, values[:, 1] > WRONG, values[:, 2].astype(int)
     trusted = before & (left & UNTRUSTED == 0)
-    return {
-        "batches": len(values),
-        "trusted_before": int(before.sum()),
-        "wrong_before": int((before & wrong).sum()),
-        "trusted": int(trusted.sum()),
-        "wrong": int((trusted & wrong).sum()),
-        "right_before": int((before & ~wrong).sum()),
-        **{one.name.lower(): int((before & (left & one > 0)).sum()) for one in Ambiguity},
-    }
+    which = {
+        "trusted_before": before, "wrong_before": before & wrong, "trusted": trusted, "wrong": trusted & wrong,
+        "right_before": before & ~wrong, **{one.name.lower(): before & (left & one > 0) for one in Ambiguity},
+    }  # fmt: skip
+    return {"batches": len(values), **{name: int(chosen.sum()) for name, chosen in which.items()}}
 
 
 def study_ambiguous(config, engine, cases, real, report, *, count, seeds, **_):

@@ -82,8 +82,7 @@ class PixelCamera:
             last = low
         t, x, y, p = np.concatenate(found, axis=1)
         t = np.floor((t + 1) / 2 * (DURATION_US - 1))
-        order = np.argsort(t, kind="stable")
-        return Events(*(part[order].astype(np.int64) for part in (t, x, y, p)))
+        return Events.merge([Events(*(part.astype(np.int64) for part in (t, x, y, p)))])
 
 
 def _texture(rng, size):

@@ -19,7 +19,8 @@ from cmfpga.dense.tiles import TILE
 from cmfpga.dense.window import Run
 from cmfpga.engines import make_engine
 from cmfpga.events import Events, MemoryRecording, open_recording
-from cmfpga.imaging.camera import Camera, seen
+from cmfpga.imaging.camera import Camera
+from cmfpga.imaging.iwe import events_in_roi
 
 from .table import percent
 from .yardstick import best_contrast
@@ -47,17 +48,13 @@ def turned(camera, omega, window):
 
 def searched(window, chosen, progress):
     """The best v of each chosen tile, px per half window: float64 [n, 2]; NaN of others."""
-    at = seen(window.config, window.events)
-    column, row = (np.floor(axis + 0.5) for axis in (at.x, at.y))
     dt = 2 * (window.events.t - window.events.t[0]) / window.result.span - 1
     found = np.full((len(window.tiles), 2), np.nan)
     for k in progress(np.flatnonzero(chosen)):
         region = window.tiles.regions[len(window.tiles.regions) - len(window.tiles) + k]
-        inside = (column >= region.x) & (column < region.x + region.width)
-        inside &= (row >= region.y) & (row < region.y + region.height)
+        inside, x, y = events_in_roi(window.seen, (region.x, region.y), region.width, region.height)
         across, down = region.corner(window.config)
-        x, y = at.x[inside] - region.x + across, at.y[inside] - region.y + down
-        found[k], _ = best_contrast(x, y, dt[inside], rounds=2)
+        found[k], _ = best_contrast(x + across, y + down, dt[inside], rounds=2)
     return found
 
 

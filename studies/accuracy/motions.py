@@ -22,7 +22,7 @@ from cmfpga.config import preset
 from cmfpga.config.presets import CLOCK_MHZ
 from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError
-from cmfpga.events import Events, generate
+from cmfpga.events import generate
 from cmfpga.imaging.camera import Camera, flow, rates, read_calibration
 from cmfpga.protocol.confidence import confidence, deviations, is_trustworthy
 from cmfpga.protocol.flags import Flag
@@ -106,8 +106,7 @@ def cut(config, seed, index):
     share, kept = (np.exp(rng.uniform(*np.log(shares))) for shares in SHARES)
     length = max(int(share * len(events)), 2)
     first = int(rng.uniform() * (len(events) - length))
-    which = first + np.flatnonzero(rng.random(length) < kept)
-    part = Events(events.t[which], events.x[which], events.y[which], events.p[which])
+    part = events[first + np.flatnonzero(rng.random(length) < kept)]
     return part, v * float(part.t[-1] - part.t[0]) / float(events.t[-1] - events.t[0])
 
 

@@ -70,21 +70,15 @@ class Moving:
         return round(self.seconds * 1e6 / PIECE_US)
 
 
-def _sinusoid(s):
-    angle = 2 * math.pi * s / 0.8
-    return 150 * math.sin(angle + 0.3), 40 * math.cos(angle + 0.3)
-
-
-def _circle(s):
-    angle = 2 * math.pi * s / 0.8
-    return 150 * math.cos(angle), 150 * math.sin(angle)
+def _angle(s):
+    return 2 * math.pi * s / 0.8
 
 
 SCENES = (
     Moving("constant", lambda s: (120, 0), 0.8, 6, (70, 89.5)),
-    Moving("sinusoid", _sinusoid, 1.2, 42),
+    Moving("sinusoid", lambda s: (150 * math.sin(_angle(s) + 0.3), 40 * math.cos(_angle(s) + 0.3)), 1.2, 42),
     Moving("fast sinusoid", lambda s: (300 * math.sin(2 * math.pi * s / 0.3 + 0.8), 0), 0.9, 135),
-    Moving("circle", _circle, 1.2, 30, (120, 70)),
+    Moving("circle", lambda s: (150 * math.cos(_angle(s)), 150 * math.sin(_angle(s))), 1.2, 30, (120, 70)),
     Moving("corner", lambda s: (120, 0) if s < 0.4 else (0, 120), 0.8, 38, (90, 60)),
     Moving("reversal", lambda s: (150 if s < 0.4 else -150, 0), 0.8, 56, (80, 90)),
     Moving("ramp", lambda s: (40 + 500 * s, 0), 0.6, 16, (60, 90)),
@@ -229,8 +223,7 @@ def follow_real(folder, config, plans):
         return velocity(np.linspace(first, last, 32)).mean(0)
 
     times = np.arange(begin, end, STEP_US)
-    span_us = 2 * FEWEST_US / 3
-    found = courses(config, plans, events, REAL_ROI, REAL_EVENTS, span_us, mean)
+    found = courses(config, plans, events, REAL_ROI, REAL_EVENTS, 2 * FEWEST_US / 3, mean)
     return {who: (course.rms(times, velocity(times)), None, None, course.judged) for who, course in found.items()}
 
 

@@ -17,7 +17,7 @@ from cmfpga.events import BatchCutter, open_recording
 from cmfpga.imaging.survey.statistics import box_sums
 from cmfpga.tracking.loop import track
 
-from .known import read
+from .known import between, read
 from .yardstick import ROI, Case
 
 
@@ -54,18 +54,16 @@ def real_cases(folder):
 
     Raises :exc:`RecordingError` where a recording is missing.
     """
-    return [case for windows in WINDOWS for case in _real_cases(Path(folder), windows)]
-
-
-def _real_cases(folder, windows):
-    events, sensor = read(folder / windows.file)
-    begins = events.t[0] + windows.begin + windows.length * np.arange(windows.count + 1)
-    cuts = np.searchsorted(events.t, begins)
-    for index, (first, last) in enumerate(pairwise(cuts)):
-        batch = events[first:last]
-        for roi, count in _busiest_rois(batch, sensor, windows):
-            facts = {"file": windows.file, "window": index, "roi": roi, "roi_events": count}
-            yield Case(batch, roi, None, None, facts)
+    made = []
+    for windows in WINDOWS:
+        events, sensor = read(Path(folder) / windows.file)
+        ends = events.t[0] + windows.begin + windows.length * np.arange(windows.count + 1)
+        for index, pair in enumerate(pairwise(ends)):
+            batch = between(events, *pair)
+            for roi, count in _busiest_rois(batch, sensor, windows):
+                facts = {"file": windows.file, "window": index, "roi": roi, "roi_events": count}
+                made.append(Case(batch, roi, None, None, facts))
+    return made
 
 
 def counts(events, sensor, size, step):

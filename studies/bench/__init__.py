@@ -12,7 +12,6 @@ from pathlib import Path
 from tqdm import tqdm
 
 from cmfpga import __version__, cli
-from cmfpga.config.schedule import AUTO
 from cmfpga.errors import ConfigError, needs, write_text
 from cmfpga.verilog import description
 from cmfpga.verilog.compiler import cannot_compile
@@ -65,10 +64,14 @@ def main(arguments=None):
         raise ConfigError(f"--json {options.json}: its folder does not exist")
     runs = options.runs or (5 if options.quick else 15)
     seconds = 0.003 if options.quick else 0.02
-    run = _flow if options.flow else _hops if options.hops else _batches
+    if options.flow:
+        from .flow import run
+    elif options.hops:
+        from .hops import run
+    else:
+        run = _batches
     missing = []
     lines, report = run(options, missing, runs=runs, seconds=seconds)
-    lines += [f"not measured: {line}" for line in missing] if run is not _batches else []
     print("\n".join(lines))
     if options.json is not None:
         report = {"version": __version__, "missing": missing, **report}
@@ -109,52 +112,6 @@ def _batches(options, missing, *, runs, seconds):
     }  # fmt: skip
     lines, report["limits"], report["speed_ups"] = table(report)
     return lines, report
-
-
-def _flow(options, missing, *, runs, seconds):
-    from .flow import measure, text
-
-    units = (3, 4) if options.sensor else (4,) if options.quick else (1, 2, 4, 8)
-    if why := cannot_compile():
-        missing.append(f"{why}: the hardware's cycles are not measured")
-        units = ()
-    with tqdm(total=len(units) + 2, unit="step", disable=None, leave=False) as bar:
-
-        def step(what):
-            bar.set_description(what)
-            bar.update()
-
-        report = measure(
-            units=units, runs=runs, seconds=seconds, clock=options.clock, missing=missing, data=options.data,
-            sensor=options.sensor, step=step,
-        )  # fmt: skip
-    return text(report), report
-
-
-def _hops(options, missing, *, runs, seconds):
-    from . import hops
-    from .opponents.c_program import HopProgram
-
-    files = sorted(Path(options.data).glob("*.h5")) if options.data else []
-    if not files:
-        raise ConfigError("--hops needs --data DIR, a folder of recordings (*.h5)")
-    if why := cannot_compile():
-        raise ConfigError(f"--hops counts cycles in the simulated Verilog: {why}")
-    window, events = 800, 4000 if options.quick else 20_000
-    rows, timed, program = [], [], None
-    with or_missing(missing):
-        program = HopProgram()
-    for file in tqdm(files, unit="recording", disable=None, leave=False):
-        rows.append(hops.play(file.stem, *hops.load(file, window, events), options.clock).row)
-        if program:
-            timed += hops.programs(file, program, events=events, runs=runs, seconds=seconds)
-    plans = {"search and judging round": AUTO, "search alone": ""}
-    rates = {plan: {n: hops.rate(n, after) for n in hops.WINDOWS} for plan, after in plans.items()}
-    lines = hops.text(rows, rates, options.clock, window)
-    if timed:
-        lines += hops.text_of_programs(timed, options.clock, program.how, processor())
-    report = {"clock_mhz_assumed": options.clock, "window_events": window, "hops": rows, "programs": timed}
-    return lines, report | {"rates": rates, "processor": processor()}
 
 
 def _measured(case, programs, before, *, step, **options):

@@ -36,38 +36,33 @@ def _simulate(case, config):
     core = simulated(config)
     settings = BatchSettings.from_config(config, case.workload.roi)
     settings = replace(settings, cold_after_doubtful=0)  # a warm case is measured warm
-    first = _run(core, settings, case)  # leaves v for a warm batch; and the sweep after the reset is over
+    # Leaves v for a warm batch; and the sweep after the reset is over.
+    (first,) = _run(core, settings, case)
     shorter = replace(settings, iterations=settings.iterations - 1, cold=settings.cold[:-1], warm=settings.warm[:-1])
     if case.ascent == WARM:
         settings, shorter = (replace(each, roi=None) for each in (settings, shorter))
-    result, less = _run(core, settings, case), _run(core, shorter, case)
+    (result,), (less,) = _run(core, settings, case), _run(core, shorter, case)
+    cycles, fewer = (row["valid"] - row["offered"] for row in (result, less))
     done = (first["roi_events"], result["iterations"], less["iterations"])
     if done != (case.workload.roi_events, case.iterations, case.iterations - 1):
         raise AssertionError(f"the core did {done[1]} and {done[2]} iterations on {done[0]} events")
+    stream = _run(core, settings, case, 4)  # the first ones find the core idle
+    if any(row["iterations"] != case.iterations for row in stream):
+        raise AssertionError("the core did another number of iterations in a stream of batches")
     return {
-        "cycles": result["measured_cycles"],
-        "per_iteration": result["measured_cycles"] - less["measured_cycles"],
-        "back_to_back": _back_to_back(core, settings, case),
+        "cycles": cycles,
+        "per_iteration": cycles - fewer,
+        "back_to_back": stream[-1]["valid"] - stream[-2]["valid"],
         "v": tuple(config.formats.v.real(result[f"v_{axis}"]) for axis in "xy"),
     }
 
 
-def _run(core, settings, case):
+def _run(core, settings, case, count=1):
+    """What the core's ports say of a batch that comes so often, without a pause."""
     events = case.workload.events
     core.write_schedule(schedule_table(core.config, settings))
-    (row,), _, _ = core.play([(events.t, events.x, events.y)], [settings_values(core.config, settings)])
-    return row | {"measured_cycles": row["valid"] - row["offered"]}
-
-
-def _back_to_back(core, settings, case):
-    """Cycles between the results of the last two of four batches: the first ones find the core idle."""
-    events = case.workload.events
-    batches = [(events.t, events.x, events.y)] * 4
-    core.write_schedule(schedule_table(core.config, settings))
-    results, _, _ = core.play(batches, [settings_values(core.config, settings)] * len(batches))
-    if any(result["iterations"] != case.iterations for result in results):
-        raise AssertionError("the core did another number of iterations in a stream of batches")
-    return results[-1]["valid"] - results[-2]["valid"]
+    values = settings_values(core.config, settings)
+    return core.play([(events.t, events.x, events.y)] * count, [values] * count)[0]
 
 
 @cache

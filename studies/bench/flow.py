@@ -1,12 +1,11 @@
 """``python -m studies.bench --flow``: fields a second of dense flow, beside the same algorithm in C."""
 
-import os
 import time
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
+from tqdm import tqdm
 
 from cmfpga.api.flow import configure
 from cmfpga.config import preset
@@ -16,13 +15,15 @@ from cmfpga.events import Events, open_recording
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.sweep.task import processors
+from cmfpga.verilog.compiler import cannot_compile
 from cmfpga.verilog.simulation import VerilatedCore
 
 from ..accuracy.dense import WINDOWS as RECORDINGS
 from ..accuracy.foreign import FOREIGN, find
 from .cases import COLD, STEPS, parse_steps
 from .opponents.c_program import FlowProgram
-from .programs import Times, or_missing, processor, side_by_side
+from .programs import or_missing, processor, side_by_side, times_of
 
 EVENTS = 30_000
 #: Windows back to back; the time from the first one's end to the last one's counts.
@@ -32,14 +33,17 @@ SYNTHETIC = "synthetic, the camera turns"
 COARSE, FINE = STEPS[COLD], "1:-1/2 1:-2/2 1:-3*2 0:-3 0:-4 0:-5"
 
 
-def measure(*, units, runs, seconds, clock, missing, data=None, sensor=None, step=lambda what: None):
-    """Rows of the table, JSON-ready; what cannot be measured here is said in ``missing``.
+def run(options, missing, *, runs, seconds):
+    """``(lines of text, what ``--json`` writes)``; ``missing`` gets a line on each thing that is not measured.
 
-    ``units``: each is simulated; none where Verilator or a C++ compiler is missing. ``runs`` and ``seconds`` are as of
-    :func:`~.programs.side_by_side`, ``clock`` is assumed for the hardware, MHz. Of each recording in the folder
-    ``data`` a window is measured too; of a ``sensor`` (width, height) the synthetic window alone, with the tiles, and
-    the events of a window, that ``flow`` takes. ``step`` is called with what is measured next.
+    Of each recording in the folder a window is measured too; of a ``sensor`` the synthetic window alone, with the
+    tiles, and the events of a window, that ``flow`` takes.
     """
+    sensor, clock = options.sensor, options.clock
+    units = (3, 4) if sensor else (4,) if options.quick else (1, 2, 4, 8)
+    if why := cannot_compile():
+        missing.append(f"{why}: the hardware's cycles are not measured")
+        units = ()
     config = preset("flow")
     tiles, made, most = grid(config), scene(*sensor or ()), EVENTS
     if sensor:
@@ -47,17 +51,25 @@ def measure(*, units, runs, seconds, clock, missing, data=None, sensor=None, ste
         most = config.max_batch_events
     events = made.events[:most]
     settings = BatchSettings.from_config(config)
-    windows, hardware = {SYNTHETIC: (settings, events), **_recorded(None if sensor else data)}, []
-    for count in units:
-        step(f"{count} units")
-        for name, (chosen, window) in windows.items():
-            hardware.append({"window": name, **_hardware(config.replace(units=count), tiles, chosen, window, clock)})
-    programs = [] if sensor else _programs(config, tiles, settings, events, runs, seconds, missing, step)
-    return {
+    windows, hardware = {SYNTHETIC: (settings, events), **_recorded(None if sensor else options.data)}, []
+    with tqdm(total=len(units) + 2, unit="step", disable=None, leave=False) as bar:
+
+        def step(what):
+            bar.set_description(what)
+            bar.update()
+
+        for count in units:
+            step(f"{count} units")
+            of_it = config.replace(units=count)
+            for name, (chosen, window) in windows.items():
+                hardware.append({"window": name, **_hardware(of_it, tiles, chosen, window, clock)})
+        programs = [] if sensor else _programs(config, tiles, settings, events, runs, seconds, missing, step)
+    report = {
         "events": len(events), "sensor": [config.sensor_width, config.sensor_height], "regions": len(tiles.regions),
         "tiles": len(tiles), "clock_mhz_assumed": clock, "processor": processor(), "runs": runs, "hardware": hardware,
         "programs": programs,
     }  # fmt: skip
+    return [*text(report), *(f"not measured: {line}" for line in missing)], report
 
 
 def _recorded(data):
@@ -95,8 +107,7 @@ def _programs(config, tiles, settings, events, runs, seconds, missing, step):
     with or_missing(missing):
         program = FlowProgram()
         # Without a thread for what is beside, the last one waits for it.
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        threads = sorted({1, cores})
+        threads = sorted({1, processors()})
         step("C")
         settings = with_steps(config, settings)
         runners = [program.load_window(config, tiles.regions, events, settings, count) for count in threads]
@@ -111,22 +122,20 @@ def _programs(config, tiles, settings, events, runs, seconds, missing, step):
 
 def _foreign(config, tiles, events):
     """A foreign program asked for each tile that has enough events, by its own search; once."""
-    mine, size = [], (tiles.width, tiles.height)
-    for corner in tiles.corners:
-        inside, *_ = events_in_roi(events, corner, *size)
-        if np.count_nonzero(inside) >= config.min_roi_events:
-            mine.append((events[inside], corner))
+    size = tiles.width, tiles.height
+    mine = [(events[events_in_roi(events, corner, *size)[0]], corner) for corner in tiles.corners]
+    mine = [(one, corner) for one, corner in mine if len(one) >= config.min_roi_events]
     find(*mine[0], *size)  # what is compiled at first use
     begun = time.perf_counter()
     for one, corner in mine:
         find(one, corner, *size)
-    seconds = time.perf_counter() - begun
-    return _row(f"{FOREIGN}, tile by tile", f"{FOREIGN} {version(FOREIGN)}", Times.of([seconds]), len(events))
+    times = times_of([time.perf_counter() - begun])
+    return _row(f"{FOREIGN}, tile by tile", f"{FOREIGN} {version(FOREIGN)}", times, len(events))
 
 
 def _row(name, how, times, events):
-    rates = {"fields_per_s": 1 / times.median, "events_per_s": events / times.median}
-    return {"name": name, "how": how, "seconds": vars(times), **rates}
+    rates = {"fields_per_s": 1 / times["median"], "events_per_s": events / times["median"]}
+    return {"name": name, "how": how, "seconds": times, **rates}
 
 
 def text(report):

@@ -2,23 +2,26 @@
 and what a program takes for such a hop."""
 
 import contextlib
-from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from cmfpga.config import preset
 from cmfpga.config.schedule import AUTO
+from cmfpga.errors import ConfigError
 from cmfpga.events import open_recording
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.sliding.core import SlidingCore
+from cmfpga.verilog.compiler import cannot_compile
 from cmfpga.verilog.simulation import VerilatedCore
 
 from ..accuracy.real import counts
 from .cases import make_workload
-from .opponents import Job
-from .programs import side_by_side
+from .opponents.c_program import HopProgram, Job
+from .programs import or_missing, processor, side_by_side
 
 #: A longer pause, in clock cycles, changes nothing for warm hops: the round has caught up, and the one after has ended.
 LONGEST_PAUSE = 1500
@@ -26,29 +29,39 @@ LONGEST_PAUSE = 1500
 WINDOWS = 400, 800, 2000
 
 
-@dataclass(frozen=True)
-class Hops:
-    """Of a recording: clock cycles from the closing event to the result, of warm hops and of cold ones.
+def run(options, missing, *, runs, seconds):
+    """``(lines of text, what ``--json`` writes)``; ``missing`` gets a line where no program can be measured."""
+    files = sorted(Path(options.data).glob("*.h5")) if options.data else []
+    if not files:
+        raise ConfigError("--hops needs --data DIR, a folder of recordings (*.h5)")
+    if why := cannot_compile():
+        raise ConfigError(f"--hops counts cycles in the simulated Verilog: {why}")
+    window, events = 800, 4000 if options.quick else 20_000
+    rows, timed, program = [], [], None
+    with or_missing(missing):
+        program = HopProgram()
+    for file in tqdm(files, unit="recording", disable=None, leave=False):
+        rows.append({"recording": file.stem, **row_of(*play(*load(file, window, events), options.clock))})
+        if program:
+            timed += programs(file, program, events=events, runs=runs, seconds=seconds)
+    plans = {"search and judging round": AUTO, "search alone": ""}
+    rates = {plan: {n: rate(n, after) for n in WINDOWS} for plan, after in plans.items()}
+    lines = text(rows, rates, options.clock, window)
+    if timed:
+        lines += text_of_programs(timed, options.clock, program.how, processor())
+    lines += [f"not measured: {line}" for line in missing]
+    report = {"clock_mhz_assumed": options.clock, "window_events": window, "hops": rows, "programs": timed}
+    return lines, report | {"rates": rates, "processor": processor()}
 
-    ``held`` are the events that the core did not take when they were offered; those behind them come later by as much.
-    """
 
-    name: str
-    events: int
-    held: int
-    warm: list
-    cold: list
-    degenerate: int
-
-    @property
-    def row(self):
-        """JSON-ready: how many, and the cycles."""
-        low, mid, high = (int(x) for x in np.percentile(self.warm, (0, 50, 100))) if self.warm else (None,) * 3
-        return {
-            "recording": self.name, "events": self.events, "held": self.held, "warm": len(self.warm),
-            "fewest": low, "median": mid, "most": high, "within_130": sum(one <= 130 for one in self.warm),
-            "cold": len(self.cold), "cold_most": max(self.cold, default=None), "degenerate": self.degenerate,
-        }  # fmt: skip
+def row_of(events, held, warm, cold, degenerate):
+    """JSON-ready, of what :func:`play` gives: how many, and the cycles."""
+    low, mid, high = (int(x) for x in np.percentile(warm, (0, 50, 100))) if warm else (None,) * 3
+    return {
+        "events": events, "held": held, "warm": len(warm), "fewest": low, "median": mid, "most": high,
+        "within_130": sum(one <= 130 for one in warm), "cold": len(cold), "cold_most": max(cold, default=None),
+        "degenerate": degenerate,
+    }  # fmt: skip
 
 
 def load(path, window, count):
@@ -84,13 +97,18 @@ def programs(path, program, *, events, **options):
         job = Job(events=inside, roi=corner, **size, iterations=0, schedule=(), dither=True)
         with contextlib.closing(program.load(job)) as loaded:
             times = side_by_side([loaded.round, loaded.follow, loaded.tail], **options)
-        taken = {what: each.median for what, each in zip(("round", "follow", "tail"), times, strict=True)}
+        taken = {what: each["median"] for what, each in zip(("round", "follow", "tail"), times, strict=True)}
         rows.append({"recording": path.stem, "window": window, **taken})
     return rows
 
 
-def play(name, config, events, corner, clock):
-    """:class:`Hops` of ``events``, offered at their own times; hops close by their number. ``clock`` in MHz."""
+def play(config, events, corner, clock):
+    """``events`` offered at their own times; hops close by their number. ``clock`` in MHz.
+
+    Returns ``(events, held, warm, cold, degenerate)``: clock cycles from the closing event to the result, of warm hops
+    and of cold ones; ``held`` are the events that the core did not take when they were offered, and those behind them
+    come later by as much.
+    """
     settings = BatchSettings.from_config(config, roi=corner)
     t = np.asarray(events.t, np.int64)
     gaps = np.clip(np.diff(t, prepend=t[:1]) * clock - 1, 0, LONGEST_PAUSE).astype(np.int64)
@@ -105,7 +123,7 @@ def play(name, config, events, corner, clock):
             continue
         kind = warm if result.iterations == len(settings.follow) else cold
         kind.append(int(cycle - offered[last] - 1))
-    return Hops(name, len(t), int(held), warm, cold, degenerate)
+    return len(t), int(held), warm, cold, degenerate
 
 
 def rate(window, after=AUTO):
@@ -121,7 +139,7 @@ def rate(window, after=AUTO):
 
 
 def text(rows, rates, clock, window):
-    """Lines for people, of the rows of :class:`Hops`, and of cycles by :func:`rate`, ``{plan: {window: cycles}}``."""
+    """Lines for people, of the rows of :func:`row_of`, and of cycles by :func:`rate`, ``{plan: {window: cycles}}``."""
     lines = [
         f"cycles after the event that closes a hop, to its result; windows of {window} events; at {clock:g} MHz "
         "(assumed) the events come at their own times",

@@ -4,7 +4,6 @@ import contextlib
 import platform
 import statistics
 import time
-from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,21 +12,13 @@ from cmfpga.errors import MissingPackage
 from .opponents import Job, Unavailable
 
 
-@dataclass(frozen=True, kw_only=True)
-class Times:
+def times_of(seconds):
     """Seconds of one run: median, and the range of all runs."""
-
-    median: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, seconds):
-        return cls(median=statistics.median(seconds), low=min(seconds), high=max(seconds))
+    return {"median": statistics.median(seconds), "low": min(seconds), "high": max(seconds)}
 
 
 def side_by_side(actions, *, runs, seconds, clock=time.thread_time, step=lambda: None):
-    """:class:`Times` per repetition of ``actions``, in turn, so that a slow moment of the machine hits all.
+    """:func:`times_of` a repetition of ``actions``, in turn, so that a slow moment of the machine hits all.
 
     Each action does its work a given number of times; it is called once before, so that nothing is compiled or paged in
     while timed. A run, of ``runs``, repeats it until it lasts about ``seconds``; short work could not be timed
@@ -42,7 +33,7 @@ def side_by_side(actions, *, runs, seconds, clock=time.thread_time, step=lambda:
             action(count)
             into.append((clock() - start) / count)
             step()
-    return [Times.of(into) for into in taken]
+    return [times_of(into) for into in taken]
 
 
 def _count(action, clock, seconds):
@@ -86,12 +77,10 @@ def time_programs(case, programs, *, v_start, **options):
         batches, ascents = (
             side_by_side([getattr(each, what) for each in loaded], **options) for what in ("batch", "ascent")
         )
-    names = ({"name": program.name + ", confidence" * probes, "how": program.how, "confidence": probes}
-             for program, probes in rows)  # fmt: skip
-    return [
-        {**name, "batch": asdict(batch), "ascent": asdict(ascent), "v": at}
-        for name, batch, ascent, at in zip(names, batches, ascents, v, strict=True)
-    ]
+    names = [{"name": program.name + ", confidence" * probes, "how": program.how, "confidence": probes}
+             for program, probes in rows]  # fmt: skip
+    found = zip(names, batches, ascents, v, strict=True)
+    return [{**name, "batch": batch, "ascent": ascent, "v": at} for name, batch, ascent, at in found]
 
 
 def time_foreign(case, *, runs, seconds):
@@ -99,17 +88,16 @@ def time_foreign(case, *, runs, seconds):
 
     Raises :exc:`~cmfpga.errors.MissingPackage` where it is not installed.
     """
-    from ..accuracy.foreign import FOREIGN
-    from ..accuracy.foreign import find as find_v
+    from ..accuracy.foreign import FOREIGN, find
 
     batch = case.workload
 
-    def find(count=1):
-        return [find_v(batch.events, batch.roi, batch.width, batch.height)[0] for _ in range(count)][-1]
+    def work(count):
+        return [find(batch.events, batch.roi, batch.width, batch.height)[0] for _ in range(count)][-1]
 
-    v = find()
-    (times,) = side_by_side([find], runs=runs, seconds=seconds, clock=time.perf_counter)
-    return [{"name": FOREIGN, "how": f"{FOREIGN} {version(FOREIGN)}", "batch": asdict(times), "v": v}]
+    v = work(1)
+    (times,) = side_by_side([work], runs=runs, seconds=seconds, clock=time.perf_counter)
+    return [{"name": FOREIGN, "how": f"{FOREIGN} {version(FOREIGN)}", "batch": times, "v": v}]
 
 
 def processor():

@@ -43,7 +43,8 @@ def table(report):
         size = f"N = {case['events']:,}, n = {case['roi_events']:,}, {case['width']}×{case['height']}"
         title = f"{case['workload']} ({size}): {ASCENTS[case['ascent']]}, T = {case['iterations']}"
         lines += ["", title, *(_line(row, widths) for row in (HEADER, *rows))]
-    limits, speed_ups = _limits(report["cases"]), _speed_ups(report)
+    by_name = {(case["workload"], case["ascent"]): case for case in report["cases"]}
+    limits, speed_ups = _limits(by_name), _speed_ups(by_name, clock, report["processor"])
     lines += ["", "Limits"]
     for limit in limits:
         verdict = "holds" if limit["holds"] else "FAILS"
@@ -116,34 +117,27 @@ def _times(times):
     return f"{median} {unit} ({low}–{high})"
 
 
-def _find(cases, workload, ascent):
-    return next((case for case in cases if (case["workload"], case["ascent"]) == (workload, ascent)), None)
-
-
 def _limits(cases):
     found = []
     for what, workload, ascent, value, limit in LIMITS:
-        case = _find(cases, workload, ascent)
-        number = case["cores"][0][value] if case else None
-        if number is not None:
+        case = cases.get((workload, ascent))
+        if case and (number := case["cores"][0][value]) is not None:
             found.append({"what": what, "value": number, "limit": limit, "holds": number <= limit})
     return found
 
 
-def _speed_ups(report):
+def _speed_ups(cases, clock, processor):
     """The preset ``quad`` against everything, each opponent named."""
-    cases = {ascent: _find(report["cases"], ARTICLE, ascent) for ascent in ASCENTS}
-    clock = report["clock_mhz_assumed"]
-    article = cases["constant"]["article_cycles"] / clock * 1e-6
+    article = cases[ARTICLE, "constant"]["article_cycles"] / clock * 1e-6
     found = []
     for ours in ("cold", "warm"):
-        for confidence, core in enumerate(cases[ours]["cores"][:2]):
+        for confidence, core in enumerate(cases[ARTICLE, ours]["cores"][:2]):
             opponents = [(f"the article's formula, T = 100, at {clock:g} MHz too", article)]
             for theirs, what in (("constant", "the article's ascent"), (ours, "steps by signs")):
-                case = cases[theirs]
+                case = cases[ARTICLE, theirs]
                 for program in case["programs"]:
                     if theirs == "constant" or program["confidence"] == confidence:
-                        named = f"{program['name']}, {what}, T = {case['steps']}, on this CPU ({report['processor']})"
+                        named = f"{program['name']}, {what}, T = {case['steps']}, on this CPU ({processor})"
                         opponents.append((named, program["batch"]["median"]))
             about = {"workload": ARTICLE, "core": f"{core['name']}, {ours}, T = {core['iterations']}"}
             seconds = core["cycles"] / clock * 1e-6

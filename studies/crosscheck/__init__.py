@@ -67,18 +67,13 @@ def main(arguments=None):
     except KeyboardInterrupt as error:  # after what was found until then
         interruption = error
     outcome = {
-        "engine": "amaranth" if cannot_compile() else "verilator",
-        "configurations": seed - options.seed,
-        "with_regions": int(drawn[0]),
-        "with_shell": int(drawn[1]),
-        "refused": refused,
-        "batches": int(totals[0]),
-        "iterations": int(totals[1]),
+        "engine": "amaranth" if cannot_compile() else "verilator", "configurations": seed - options.seed,
+        "with_regions": int(drawn[0]), "with_shell": int(drawn[1]), "refused": refused,
+        "batches": int(totals[0]), "iterations": int(totals[1]),
         "mismatches": sum("traceback" not in finding for finding in findings),
         "tracebacks": sum("traceback" in finding for finding in findings),
-        "seconds": round(time.monotonic() - begin, 1),
-        "findings": findings,
-    }
+        "seconds": round(time.monotonic() - begin, 1), "findings": findings,
+    }  # fmt: skip
     print(json.dumps(outcome, indent=2, ensure_ascii=False) if options.json else _text(outcome))
     if interruption and not findings:
         raise interruption

@@ -77,7 +77,7 @@ def _one_by_one(config, rng):
             name, events = "nothing", Events.empty()
         expected, found = model.run(events, settings)[0], rtl.run(events, settings)[0]
         where = f"batch {number} ({name})"
-        _same(where, found, expected)
+        same(where, found, expected)
         if found.iterations and found.events >= core.shortest_batch:
             done = {"events": found.events, "roi_events": found.roi_events, "iterations": model.core.plan}
             wanted = core.cycles(**done, judge=settings.judge)
@@ -121,7 +121,7 @@ def _hops(config, rng):
             wanted = list(model.run(part.t, part.x, part.y))
             equal(f"run {number}", "hops", len(found), len(wanted), "model")
             for k, (one, other) in enumerate(zip(found, wanted, strict=True)):
-                _same(f"run {number}, hop {k}", one, other)
+                same(f"run {number}, hop {k}", one, other)
             counts += len(wanted), sum(one.iterations for one in wanted)
             cycles += core.finished[-1] if core.finished else 0
         if cycles > CYCLES:
@@ -168,7 +168,7 @@ def _tables_of_regions(config, rng):
         found = hardware.results(batches, settings, **delays)
         for batch, result in zip(batches, found, strict=True):
             expected = model.run(*batch, settings)
-            _same(f"run {number}, batch {counts[0]}", result, expected)
+            same(f"run {number}, batch {counts[0]}", result, expected)
             counts += 1, sum(region.iterations for region in expected.regions)
         cycles += hardware.finished[-1]
         number += 1
@@ -218,31 +218,21 @@ def compare_stream(core, rng, most, *, gaps, stalls, model=None):
     delays = _delays(rng, {"gaps": gaps, "stalls": stalls}, sum(len(t) for t, *_ in batches), len(batches), 3000)
     results, traces, _ = core.play(batches, rows, **delays)
     for number, (ports, trace) in enumerate(zip(results, traces, strict=True)):
-        _same(f"batch {number} (back to back)", to_batch_result(config, [ports], [trace]), expected[number])
+        same(f"batch {number} (back to back)", to_batch_result(config, [ports], [trace]), expected[number])
     return np.array([len(batches), sum(result.iterations for result in expected)])
 
 
-def _same(where, found, expected):
-    """Equal in everything but the cycles, which only the hardware has; of the traces, in every iteration."""
-    for of_region, one, other in _regions(where, found, expected):
+def same(where, found, expected, *, traced=True):
+    """Equal in everything but the cycles, which only the hardware has; where it is ``traced``, in every iteration."""
+    names = [f"{where}, region {number}" for number in range(len(found.regions))]
+    regions = [*zip(names if len(names) > 1 else [where], found.regions, expected.regions, strict=True)]
+    for of_region, one, other in regions if traced else ():
         for part in (field.name for field in dataclasses.fields(other.trace)):
             sums = (np.asarray(getattr(result.trace, part)).tolist() for result in (one, other))
             equal(of_region, f"trace.{part}", *sums, "model")
-    same_results(where, found, expected)
-
-
-def same_results(where, found, expected):
-    """Equal in all fields of the batch and of its regions but the cycles."""
-    parts = [("batch", where, found, expected), *(("region", *each) for each in _regions(where, found, expected))]
-    for kind, of_part, one, other in parts:
+    for kind, of_part, one, other in [("batch", where, found, expected), *(("region", *each) for each in regions)]:
         for name in (field.name for field in fields_of(kind) if field.name != "cycles"):
             equal(of_part, name, getattr(one, name), getattr(other, name), "model")
-
-
-def _regions(where, found, expected):
-    """Pairs of regions, and where each is."""
-    for number, pair in enumerate(zip(found.regions, expected.regions, strict=True)):
-        yield f"{where}, region {number}" if len(found.regions) > 1 else where, *pair
 
 
 def equal(where, name, found, expected, of):

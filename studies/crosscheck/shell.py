@@ -17,7 +17,7 @@ from cmfpga.reference.regions import RegionSequence
 from cmfpga.reference.wire import BatchEnds, decode, sensor_gate, split_batches, to_beats
 
 from .batches import random_events, random_regions, random_settings, some_changed
-from .compare import MismatchError, equal, events_of, same_results
+from .compare import MismatchError, equal, events_of, same
 
 #: Streams, each out of a reset in mid-batch; parts of each, between which settings and tables are written.
 STREAMS, PARTS = 4, 4
@@ -166,7 +166,7 @@ class _Stream:
     def _take(self, found):
         if self.found >= len(self.expected):
             raise MismatchError(f"{self.part}: a result of {found.events} events more than the model has")
-        same_results(f"{self.part}, batch {self.found}", found, self.expected[self.found])
+        same(f"{self.part}, batch {self.found}", found, self.expected[self.found], traced=False)
         self.found += 1
 
     def _rewrite(self, under_way):

@@ -1,7 +1,6 @@
 """The C programs: compiled here and now, for this processor; one thread, or for dense flow several."""
 
 import ctypes
-import importlib.resources
 import math
 import shutil
 import subprocess
@@ -43,44 +42,44 @@ class Job:
             raise ValueError(f"{len(self.schedule)} entries of a schedule for {self.iterations} iterations")
 
 
+def _layout(*groups):
+    return [(name, kind) for kind, names in groups for name in names.split()]
+
+
 class JobOfC(ctypes.Structure):
     """``Job`` of program.h."""
 
-    _fields_ = (
-        [(name, ctypes.c_void_p) for name in ("t", "x", "y")]
-        + [("events", ctypes.c_int64)]
-        + [(name, ctypes.c_int32) for name in ("roi_x", "roi_y", "width", "height", "iterations", "dither", "probes")]
-        + [(name, ctypes.c_void_p) for name in ("levels", "steps", "strides")]
-        + [("eta", ctypes.c_double)]
-        + [(name, ctypes.c_double * size) for name, size in (("v_start", 2), ("v", 2), ("g", 8))]
+    _fields_ = _layout(
+        (ctypes.c_void_p, "t x y"),
+        (ctypes.c_int64, "events"),
+        (ctypes.c_int32, "roi_x roi_y width height iterations dither probes"),
+        (ctypes.c_void_p, "levels steps strides"),
+        (ctypes.c_double, "eta"),
+        (ctypes.c_double * 2, "v_start v"),
+        (ctypes.c_double * 8, "g"),
     )
 
 
 class CProgram:
     """``form``.c of this package, or of a folder ``sources``, compiled with ``options`` beside :data:`OPTIONS`.
 
-    ``includes`` are the files that it includes beside program.h. Raises :exc:`Unavailable`: there is no C compiler, or
-    it refuses the program.
+    Raises :exc:`Unavailable`: there is no C compiler, or it refuses the program.
     """
 
-    def __init__(self, form, sources=None, includes=(), options=()):
+    def __init__(self, form, sources=None, options=()):
         self.form, self.name = form, f"C, {form}"
         compiler = next((path for path in map(shutil.which, COMPILERS) if path), None)
         if compiler is None:
             raise Unavailable(f"no C compiler ({', '.join(COMPILERS)}) was found: no C programs")
-        here = sources or importlib.resources.files(__package__)
         with tempfile.TemporaryDirectory(prefix="cmfpga-") as folder:
-            folder = Path(folder)
-            for name in ("program.h", *includes, f"{form}.c"):
-                (folder / name).write_text(here.joinpath(name).read_text(encoding="utf-8"), encoding="utf-8")
-            library = folder / f"{form}.so"
-            arguments = ("-std=gnu11", "-fPIC", "-shared", f"{form}.c", "-o", library.name, "-lm")
-            call = [compiler, *OPTIONS, *options, *arguments]
-            done = subprocess.run(call, cwd=folder, capture_output=True, text=True)
+            library = str(Path(folder) / f"{form}.so")
+            arguments = ("-std=gnu11", "-fPIC", "-shared", f"{form}.c", "-o", library, "-lm")
+            call, here = [compiler, *OPTIONS, *options, *arguments], sources or Path(__file__).parent
+            done = subprocess.run(call, cwd=here, capture_output=True, text=True)
             if done.returncode:
                 why = next((line for line in done.stderr.splitlines() if "error" in line), "no reason given")
                 raise Unavailable(f"{Path(compiler).name} does not compile {form}.c ({why}): no program {self.name!r}")
-            self.library = ctypes.CDLL(str(library))
+            self.library = ctypes.CDLL(library)
         self.library.work_new.restype = ctypes.c_void_p
         version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout.splitlines()
         self.how = f"{version[0] if version else compiler}, {' '.join((*OPTIONS, *options))}"
@@ -102,8 +101,7 @@ class Loaded:
     def __init__(self, library, job):
         self._library = library
         events = job.events
-        self._keep = [np.ascontiguousarray(a) for a in (events.t, events.x, events.y)]
-        self._keep += [] if job.schedule is None else _plan(job.schedule)
+        self._keep = [events.t, events.x, events.y, *([] if job.schedule is None else _plan(job.schedule))]
         pointers = [array.ctypes.data for array in self._keep] + [None] * 3
         self._job = JobOfC(
             *pointers[:3], len(events), *job.roi, job.width, job.height, job.iterations, job.dither, job.probes,
@@ -152,21 +150,19 @@ class Loaded:
 class _Tile(ctypes.Structure):
     """``Tile`` of flow.c."""
 
-    _fields_ = (
-        [(name, ctypes.c_int32) for name in ("x", "y", "width", "height", "left", "top", "parent", "stride")]
-        + [("iterations", ctypes.c_int32)]
-        + [(name, ctypes.c_void_p) for name in ("levels", "strides", "steps")]
+    _fields_ = _layout(
+        (ctypes.c_int32, "x y width height left top parent stride iterations"),
+        (ctypes.c_void_p, "levels steps strides"),
     )
 
 
 class _Flow(ctypes.Structure):
     """``Flow`` of flow.c."""
 
-    _fields_ = (
-        [("window", JobOfC)]
-        + [(name, ctypes.c_int32) for name in ("sensor_width", "sensor_height", "bin_bits", "most")]
-        + [(name, ctypes.c_int32) for name in ("tiles", "coarse", "threads")]
-        + [(name, ctypes.c_void_p) for name in ("tile", "v", "probes")]
+    _fields_ = _layout(
+        (JobOfC, "window"),
+        (ctypes.c_int32, "sensor_width sensor_height bin_bits most tiles coarse threads"),
+        (ctypes.c_void_p, "tile v probes"),
     )
 
 
@@ -174,7 +170,7 @@ class FlowProgram(CProgram):
     """flow.c, compiled; raises :exc:`~.c_program.Unavailable` as :class:`~.c_program.CProgram` does."""
 
     def __init__(self):
-        super().__init__("flow", includes=("gather.c",), options=("-pthread",))
+        super().__init__("flow", options=("-pthread",))
 
     def load_window(self, config, regions, events, settings, threads):
         """A function of a count that measures a window so often, and returns v of each region: float64 [regions, 2].
@@ -182,27 +178,22 @@ class FlowProgram(CProgram):
         Of ``regions`` those without a parent come first. ``settings`` have the schedules; v starts at 0. ``threads``: 1
         to 64.
         """
-        keep = [np.ascontiguousarray(axis) for axis in (events.t, events.x, events.y)]
-        plans = {name: _plan(getattr(settings, name)) for name in ("cold", "warm")}
-        tiles, coarse = (_Tile * len(regions))(), 0
-        for region, tile in zip(regions, tiles, strict=True):
-            child = region.start == "parent"
-            coarse += not child
-            levels, steps, strides = plans["warm" if child else "cold"]
-            pointers = (each.ctypes.data for each in (levels, strides, steps))
-            parent = region.parent if child else -1
-            place = region.x, region.y, region.width, region.height, *region.corner(config), parent, region.stride
-            for (name, _), value in zip(_Tile._fields_, (*place, len(levels), *pointers), strict=True):
-                setattr(tile, name, value)
+        plans, tiles = [_plan(settings.cold), _plan(settings.warm)], (_Tile * len(regions))()
+        children = [region.start == "parent" for region in regions]
+        for number, (region, child) in enumerate(zip(regions, children, strict=True)):
+            place = region.x, region.y, region.width, region.height, *region.corner(config)
+            pointers = (each.ctypes.data for each in plans[child])
+            parent, count = region.parent if child else -1, len(plans[child][0])
+            tiles[number] = _Tile(*place, parent, region.stride, count, *pointers)
         v, probes = np.zeros((len(regions), 2)), np.zeros((len(regions), 8))
-        window = JobOfC(*(axis.ctypes.data for axis in keep[:3]), len(events))
+        window = JobOfC(*(axis.ctypes.data for axis in (events.t, events.x, events.y)), len(events))
         window.width, window.height, window.dither, window.probes = config.roi_width, config.roi_height, 1, 1
         flow = _Flow(
             window, config.sensor_width, config.sensor_height, config.bin_bits, config.buffer_events, len(regions),
-            coarse, threads, ctypes.addressof(tiles), v.ctypes.data, probes.ctypes.data,
+            children.count(False), threads, ctypes.addressof(tiles), v.ctypes.data, probes.ctypes.data,
         )  # fmt: skip
 
-        def run(count=1, keep=(keep, plans, tiles, probes)):
+        def run(count=1, keep=(plans, tiles, probes)):
             if not self.library.run_flow(ctypes.byref(flow), ctypes.c_int64(count)):
                 raise MemoryError(f"no memory for a window of {len(events)} events on {threads} threads")
             return v
@@ -214,7 +205,7 @@ class HopProgram(CProgram):
     """hop.c, compiled; raises :exc:`~.c_program.Unavailable` as :class:`~.c_program.CProgram` does."""
 
     def __init__(self, sources=None):
-        super().__init__("hop", sources, includes=("int16.c",))
+        super().__init__("hop", sources)
         self.library.hop_new.restype = ctypes.c_void_p
 
     def load(self, job):

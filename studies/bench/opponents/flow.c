@@ -11,8 +11,9 @@ typedef struct {
     int32_t x, y, width, height, left, top;  // the tile on the sensor, px; where it begins in its image
     int32_t parent;                          // whose v it begins with; -1: 0
     int32_t stride, iterations;
-    const int32_t *levels, *strides;
+    const int32_t *levels;
     const double *steps;
+    const int32_t *strides;
 } Tile;
 
 typedef struct {
@@ -24,31 +25,26 @@ typedef struct {
     double *probes;  // [tiles][8], returned: gradients below and above v along x, along y
 } Flow;
 
+enum { MOST_THREADS = 64 };
 typedef struct {
     const Flow *flow;
+    int columns, rows;
     const int32_t *ends;  // of the bins
     const uint16_t *x, *y;
     const int32_t *since;
-    atomic_int next;
+    Work *work[MOST_THREADS];
+    atomic_int thread, next;
     int last;
 } Shared;
 
-typedef struct {
-    Shared *shared;
-    Work *work;
-} Worker;
-
 static int gather_tile(const Shared *shared, const Tile *tile, Work *work) {
     const Flow *flow = shared->flow;
-    const int bits = flow->bin_bits, columns = ((flow->sensor_width - 1) >> bits) + 1;
-    const int rows = ((flow->sensor_height - 1) >> bits) + 1;
-    int last_column = (tile->x + tile->width - 1) >> bits, last_row = (tile->y + tile->height - 1) >> bits, n = 0;
-    last_column = last_column < columns ? last_column : columns - 1;
-    last_row = last_row < rows ? last_row : rows - 1;
-    const int move_x = tile->left - tile->x, move_y = tile->top - tile->y;
-    for (int row = tile->y >> bits; row <= last_row; ++row)
-        for (int column = tile->x >> bits; column <= last_column; ++column) {
-            const int bin = row * columns + column;
+    const int bits = flow->bin_bits, move_x = tile->left - tile->x, move_y = tile->top - tile->y;
+    const int last_column = (tile->x + tile->width - 1) >> bits, last_row = (tile->y + tile->height - 1) >> bits;
+    int n = 0;
+    for (int row = tile->y >> bits; row <= last_row && row < shared->rows; ++row)
+        for (int column = tile->x >> bits; column <= last_column && column < shared->columns; ++column) {
+            const int bin = row * shared->columns + column;
             for (int k = bin ? shared->ends[bin - 1] : 0; k < shared->ends[bin]; ++k) {
                 work->all[0][n] = (float)(shared->x[k] + move_x);
                 work->all[1][n] = (float)(shared->y[k] + move_y);
@@ -70,10 +66,9 @@ static int gather_tile(const Shared *shared, const Tile *tile, Work *work) {
 }
 
 static void *work_on(void *given) {
-    Worker *worker = given;
-    Shared *shared = worker->shared;
+    Shared *shared = given;
     const Flow *flow = shared->flow;
-    Work *work = worker->work;
+    Work *work = shared->work[atomic_fetch_add(&shared->thread, 1)];
     for (int number; (number = atomic_fetch_add(&shared->next, 1)) < shared->last;) {
         const Tile *tile = flow->tile + number;
         Job job = flow->window;
@@ -91,13 +86,14 @@ static void *work_on(void *given) {
     return NULL;
 }
 
-static void work_through(Shared *shared, Worker *workers, int first, int last) {
-    pthread_t threads[64];
+static void work_through(Shared *shared, int first, int last) {
+    pthread_t threads[MOST_THREADS];
     const int count = shared->flow->threads;
+    shared->thread = 0;
     shared->next = first;
     shared->last = last;
-    for (int k = 1; k < count; ++k) pthread_create(threads + k, NULL, work_on, workers + k);
-    work_on(workers);
+    for (int k = 1; k < count; ++k) pthread_create(threads + k, NULL, work_on, shared);
+    work_on(shared);
     for (int k = 1; k < count; ++k) pthread_join(threads[k], NULL);
 }
 
@@ -106,16 +102,12 @@ int run_flow(const Flow *flow, int64_t count) {
     const Job *window = &flow->window;
     const size_t events = window->events + 1;
     const int bits = flow->bin_bits, columns = ((flow->sensor_width - 1) >> bits) + 1;
-    const int bins = columns * (((flow->sensor_height - 1) >> bits) + 1);
+    const int rows = ((flow->sensor_height - 1) >> bits) + 1, bins = columns * rows;
     int32_t *ends = calloc(bins + 1, sizeof *ends), *since = malloc(events * sizeof *since);
     uint16_t *x = malloc(events * sizeof *x), *y = malloc(events * sizeof *y);
-    Worker workers[64] = {{0}};
-    Shared shared = {flow, ends, x, y, since, 0, 0};
-    int done = ends && since && x && y && flow->threads >= 1 && flow->threads <= 64;
-    for (int k = 0; done && k < flow->threads; ++k) {
-        workers[k] = (Worker){&shared, work_new(window)};
-        done &= workers[k].work != NULL;
-    }
+    Shared shared = {flow, columns, rows, ends, x, y, since};
+    int done = ends && since && x && y && flow->threads >= 1 && flow->threads <= MOST_THREADS;
+    for (int k = 0; done && k < flow->threads; ++k) done = (shared.work[k] = work_new(window)) != NULL;
     for (int64_t k = 0; done && k < count; ++k) {
         memset(ends, 0, (bins + 1) * sizeof *ends);
         for (int64_t e = 0; e < window->events; ++e)
@@ -127,10 +119,10 @@ int run_flow(const Flow *flow, int64_t count) {
             y[at] = window->y[e];
             since[at] = (int32_t)(window->t[e] - window->t[0]);
         }
-        work_through(&shared, workers, 0, flow->coarse);
-        work_through(&shared, workers, flow->coarse, flow->tiles);
+        work_through(&shared, 0, flow->coarse);
+        work_through(&shared, flow->coarse, flow->tiles);
     }
-    for (int k = 0; k < 64; ++k) work_free(workers[k].work);
+    for (int k = 0; k < MOST_THREADS; ++k) work_free(shared.work[k]);
     free(ends);
     free(since);
     free(x);

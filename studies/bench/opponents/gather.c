@@ -11,6 +11,8 @@
 // Vectors are those of GCC (12 or newer) and Clang, not of one instruction set.
 
 typedef float Number;
+enum { LANES = 4 };
+static const Number FAR = -1e6f;
 
 #include "program.h"
 
@@ -42,15 +44,6 @@ static inline Two load(const float *from) {
 static inline void add(float *to, Two what) {
     const Two sum = load(to) + what;
     memcpy(to, &sum, sizeof sum);
-}
-
-// Fill up to fours with events far outside that have no time.
-static void prepare(Work *work, const Job *job) {
-    (void)job;
-    for (int k = work->n; k % 4; ++k) {
-        work->x[k] = work->y[k] = -1e6f;
-        work->dt[k] = 0;
-    }
 }
 
 static void gradient(Work *work, const Job *job, const double v[2], int level, double g[2]) {

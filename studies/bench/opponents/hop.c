@@ -11,8 +11,8 @@ typedef float Four __attribute__((vector_size(16)));  // of a pixel: I, Dx, Dy a
 
 typedef struct {
     int width, height;
-    Four *image[EVALUATIONS], sum[EVALUATIONS];  // sum: of I*I, I*Dx, I*Dy
     double v[EVALUATIONS][2];
+    Four sum[EVALUATIONS], image[];  // sum: of I*I, I*Dx, I*Dy; image: one after the other
 } Hop;
 
 static void beside(const double v[2], double at[EVALUATIONS][2]) {
@@ -39,19 +39,12 @@ static void newton(double g[EVALUATIONS][2], double v[2]) {
     }
 }
 
-static void scale_all(Work *work, const Job *job) {
-    const int64_t span = job->events ? job->t[job->events - 1] - job->t[0] : 0;
-    const float scale = span ? (float)(2.0 / (double)span) : 0;
-    for (int k = 0; k < work->total; ++k) work->all[2][k] = scaled(work->since[k], scale);
-    work->stride = 0;
-    use(work, job, 0, 1);
-}
-
 // All that is left where a hop has ended.
 void run_round(Work *work, Job *job, int64_t count) {
     for (int64_t k = 0; k < count; ++k) {
         double at[EVALUATIONS][2], g[EVALUATIONS][2];
         scale_all(work, job);
+        use(work, 0, 1);
         memcpy(job->v, job->v_start, sizeof job->v);
         beside(job->v, at);
         for (int e = 0; e < EVALUATIONS; ++e) gradient(work, job, at[e], LEVEL, g[e]);
@@ -59,21 +52,17 @@ void run_round(Work *work, Job *job, int64_t count) {
     }
 }
 
-void hop_free(Hop *hop) {
-    for (int e = 0; hop && e < EVALUATIONS; ++e) free(hop->image[e]);
-    free(hop);
-}
+static size_t images(int width, int height) { return (size_t)EVALUATIONS * width * height * sizeof(Four); }
+
+void hop_free(Hop *hop) { free(hop); }
 
 Hop *hop_new(const Job *job) {
-    Hop *hop = calloc(1, sizeof *hop);
+    const int width = (job->width + 1) >> LEVEL, height = (job->height + 1) >> LEVEL;
+    Hop *hop = room(sizeof *hop + images(width, height));
     if (!hop) return NULL;
-    hop->width = (job->width + 1) >> LEVEL;
-    hop->height = (job->height + 1) >> LEVEL;
-    int ok = 1;
-    for (int e = 0; e < EVALUATIONS; ++e) ok &= (hop->image[e] = room((size_t)hop->width * hop->height * sizeof(Four))) != NULL;
-    if (ok) return hop;
-    hop_free(hop);
-    return NULL;
+    hop->width = width;
+    hop->height = height;
+    return hop;
 }
 
 // The first pixel of the event's cell, its four weights with their derivatives; null where a corner is outside.
@@ -88,7 +77,7 @@ static inline Four *cell(const Hop *hop, const Work *work, const Job *job, int e
     add[1] = (Four){a * (1 - b), -dt * (1 - b), dt * a, 0};
     add[2] = (Four){(1 - a) * b, dt * b, -dt * (1 - a), 0};
     add[3] = (Four){a * b, -dt * b, -dt * a, 0};
-    return hop->image[e] + j * hop->width + i;
+    return hop->image + (e * hop->height + j) * hop->width + i;
 }
 
 // With sum I*D, what an event adds to it: old I times its D, its I times old D, and its own of both.
@@ -103,26 +92,13 @@ static inline void take(Hop *hop, const Work *work, const Job *job, int k) {
     }
 }
 
-static void step(const Hop *hop, Job *job) {
-    double g[EVALUATIONS][2];
-    for (int k = 0; k < 2 * EVALUATIONS; ++k) g[k / 2][k % 2] = hop->sum[k / 2][1 + k % 2];
-    memcpy(job->v, job->v_start, sizeof job->v);
-    newton(g, job->v);
-}
-
-static void begin(Hop *hop, Work *work, const Job *job) {
-    scale_all(work, job);
-    beside(job->v_start, hop->v);
-    for (int e = 0; e < EVALUATIONS; ++e) {
-        memset(hop->image[e], 0, (size_t)hop->width * hop->height * sizeof(Four));
-        hop->sum[e] = (Four){0};
-    }
-}
-
 // A whole window, event by event. What it leaves is for run_tail: all but the last event.
 void run_follow(Hop *hop, Work *work, Job *job, int64_t count) {
     for (int64_t k = 0; k < count; ++k) {
-        begin(hop, work, job);
+        scale_all(work, job);
+        beside(job->v_start, hop->v);
+        memset(hop->sum, 0, sizeof hop->sum);
+        memset(hop->image, 0, images(hop->width, hop->height));
         for (int event = 0; event < work->total - 1; ++event) take(hop, work, job, event);
     }
 }
@@ -132,9 +108,12 @@ void run_tail(Hop *hop, Work *work, Job *job, int64_t count) {
     const int last = work->total - 1;
     for (int64_t k = 0; k < count; ++k) {
         Four add[4], *pixel, sums[EVALUATIONS];
+        double g[EVALUATIONS][2];
         memcpy(sums, hop->sum, sizeof sums);
         take(hop, work, job, last);
-        step(hop, job);
+        for (int j = 0; j < 2 * EVALUATIONS; ++j) g[j / 2][j % 2] = hop->sum[j / 2][1 + j % 2];
+        memcpy(job->v, job->v_start, sizeof job->v);
+        newton(g, job->v);
         for (int e = 0; e < EVALUATIONS; ++e)
             if ((pixel = cell(hop, work, job, e, last, add)))
                 for (int corner = 0; corner < 4; ++corner)

@@ -11,6 +11,8 @@
 #include <stdint.h>
 
 typedef int16_t Number;
+enum { LANES = 16 };
+static const Number FAR = -32768;
 
 #include "program.h"
 
@@ -61,15 +63,6 @@ static Number offset_of(int32_t dither) { return (Number)(dither >> 24); }
 static Number scaled(int32_t since, float scale) {
     const int time = (int)((float)since * (32768 * scale)) - 32768;  // 2^-15
     return (Number)(time < 32767 ? time : 32767);
-}
-
-// Fill up with events far outside that have no time.
-static void prepare(Work *work, const Job *job) {
-    (void)job;
-    for (int k = work->n; k % ROUND; ++k) {
-        work->x[k] = work->y[k] = -32768;
-        work->dt[k] = 0;
-    }
 }
 
 static inline uint64_t four(const void *from) {

@@ -1,4 +1,5 @@
-// What the C programs share: the job, cropping, the ascent. The including file says what a Number is, and has the gradient.
+// What the C programs share: the job, cropping, the ascent. The including file says what a Number is, how many events are
+// taken at a time (LANES), which Number is far outside (FAR), and has the gradient.
 
 #include <math.h>
 #include <stdint.h>
@@ -39,32 +40,27 @@ static Number place(int pixel, int size);             // a coordinate in an imag
 static Number offset_of(int32_t dither);              // a share of a pixel, in 2^-32
 static Number scaled(int32_t since, float scale);     // time in -1 ... 1
 
-static void prepare(Work *work, const Job *job);
 static void gradient(Work *work, const Job *job, const double v[2], int level, double g[2]);
 
-static void *room(size_t bytes) { return aligned_alloc(64, (bytes + 127) / 64 * 64); }
+static size_t rounded(size_t bytes) { return (bytes + 127) / 64 * 64; }
 
-void work_free(Work *work) {
-    if (!work) return;
-    void *arrays[] = {work->all[0], work->all[1], work->all[2], work->x,       work->y,    work->dt,
-                      work->fx,     work->fy,     work->image,  work->address, work->since};
-    for (size_t k = 0; k < sizeof arrays / sizeof *arrays; ++k) free(arrays[k]);
-    free(work);
-}
+static void *room(size_t bytes) { return aligned_alloc(64, rounded(bytes)); }
+
+void work_free(Work *work) { free(work); }
 
 Work *work_new(const Job *job) {
-    const size_t events = (job->events + ROUND) * sizeof(int32_t);
-    Work *work = calloc(1, sizeof *work);
+    const size_t events = rounded((job->events + ROUND) * sizeof(int32_t)), start = rounded(sizeof(Work));
+    const size_t pixels = (size_t)(job->width + 2 * MARGIN) * (job->height + 2 * MARGIN);
+    Work *work = room(start + 10 * events + 4 * pixels);
     if (!work) return NULL;
+    work->total = work->stride = 0;
+    char *at = (char *)work + start;
     Number **arrays[] = {&work->all[0], &work->all[1], &work->all[2], &work->x, &work->y, &work->dt, &work->fx, &work->fy};
-    int ok = 1;
-    for (size_t k = 0; k < sizeof arrays / sizeof *arrays; ++k) ok &= (*arrays[k] = room(events)) != NULL;
-    ok &= (work->image = room((size_t)(job->width + 2 * MARGIN) * (job->height + 2 * MARGIN) * 4)) != NULL;
-    ok &= (work->since = room(events)) != NULL;
-    ok &= (work->address = room(events)) != NULL;
-    if (ok) return work;
-    work_free(work);
-    return NULL;
+    for (size_t k = 0; k < sizeof arrays / sizeof *arrays; ++k, at += events) *arrays[k] = (Number *)at;
+    work->since = (int32_t *)at;
+    work->address = (int32_t *)(at + events);
+    work->image = (Number *)(at + 2 * events);
+    return work;
 }
 
 // frac((k + 1/2) * alpha) - 1/2 with the alphas of the R2 sequence: an overflow is what frac() does, and the sign bit
@@ -98,8 +94,8 @@ static void crop(Work *work, const Job *job) {
     if (job->dither) dither(work);
 }
 
-// The events of an iteration, side by side, unless they are already.
-static void use(Work *work, const Job *job, int first, int stride) {
+// The events of an iteration, side by side, unless they are already; filled up with events far outside that have no time.
+static void use(Work *work, int first, int stride) {
     if (first == work->first && stride == work->stride) return;
     work->first = first;
     work->stride = stride;
@@ -109,29 +105,36 @@ static void use(Work *work, const Job *job, int first, int stride) {
         if (stride == 1) memcpy(to[axis], work->all[axis], work->n * sizeof(Number));
         else
             for (int k = 0; k < work->n; ++k) to[axis][k] = work->all[axis][first + k * stride];
-    prepare(work, job);
+    for (int k = work->n; k % LANES; ++k) {
+        work->x[k] = work->y[k] = FAR;
+        work->dt[k] = 0;
+    }
 }
 
 // At one v, after a batch.
 void run_gradient(Work *work, const Job *job, const double *v, int32_t level, double *g) {
-    use(work, job, 0, 1);
+    use(work, 0, 1);
     gradient(work, job, v, level, g);
 }
 
-static void ascend(Work *work, Job *job) {
+// The batch's times; 0 where it takes none.
+static int scale_all(Work *work, const Job *job) {
     const int64_t span = job->events ? job->t[job->events - 1] - job->t[0] : 0;
-    job->v[0] = job->v_start[0];
-    job->v[1] = job->v_start[1];
-    if (!work->total || !span) return;
-    const float scale = (float)(2.0 / (double)span);
+    const float scale = span ? (float)(2.0 / (double)span) : 0;
     for (int k = 0; k < work->total; ++k) work->all[2][k] = scaled(work->since[k], scale);
     work->stride = 0;  // what was used before is of another batch
+    return span != 0;
+}
+
+static void ascend(Work *work, Job *job) {
+    memcpy(job->v, job->v_start, sizeof job->v);
+    if (!scale_all(work, job) || !work->total) return;
     const double rate = 2.0 * job->eta / ((double)job->width * job->height);
     for (int k = 0; k < job->iterations; ++k) {
         static const int order[4] = {0, 2, 1, 3};
         int stride = job->strides ? job->strides[k] : 1;
         while (stride > 1 && work->total < FEWEST * stride) stride /= 2;
-        use(work, job, order[k % 4] * stride / 4, stride);
+        use(work, order[k % 4] * stride / 4, stride);
         double g[2];
         gradient(work, job, job->v, job->levels ? job->levels[k] : 0, g);
         if (isnan(g[0])) job->v[0] = NAN;

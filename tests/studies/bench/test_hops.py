@@ -25,16 +25,15 @@ def moving(rng):
 @pytest.mark.parametrize("config", [CONFIG, ONE], ids=["four evaluators", "one"])
 def test_a_hop_that_followed_takes_the_tail(moving, config, compiler):
     """Three cycles more than from the hop's end, which is so far behind the event."""
-    found = hops.play("drawn", config, moving, CORNER, 100)
+    _, _, warm, cold, _ = hops.play(config, moving, CORNER, 100)
     core = SlidingCore(config)
     turns = 1 << config.geometry.turn_bits
-    assert len(found.warm) > 20 and set(found.warm) == {core.tail + 3 - k for k in range(turns)} and found.cold
-    assert max(found.cold) <= core.cycles(roi_events=120, iterations=len(BatchSettings.from_config(config).cold)) + 3
+    assert len(warm) > 20 and set(warm) == {core.tail + 3 - k for k in range(turns)} and cold
+    assert max(cold) <= core.cycles(roi_events=120, iterations=len(BatchSettings.from_config(config).cold)) + 3
 
 
 def test_events_that_come_too_fast_are_told(moving, compiler):
-    found = hops.play("drawn", CONFIG, moving, CORNER, 0)
-    row = found.row
+    row = {"recording": "drawn", **hops.row_of(*hops.play(CONFIG, moving, CORNER, 0))}
     assert row["most"] > 130 and row["within_130"] < row["warm"]
     assert f"{row['within_130']} of {row['warm']} warm hops within 130 cycles" in hops.text([row], {}, 100, 120)[-1]
 
