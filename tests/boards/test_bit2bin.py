@@ -41,15 +41,11 @@ def test_equals_bootgen(words, seed, tmp_path, tool):
 
 
 def test_fields_as_json(bit):
-    done = convert(bit, "--json", "--part", "xck26-sfvc784-2LV-c")
+    done = convert(bit, "--json", "--part", PART)
     assert done.returncode == 0
     found = json.loads(done.stdout)
     assert found["part"] == PART and found["design"].startswith("cmfpga_bd_wrapper")
     assert found["bytes"] == (bit.parent / "cmfpga.bit.bin").stat().st_size
-
-
-def cut(bit):
-    return bit[:-5]
 
 
 def odd(bit):
@@ -58,10 +54,8 @@ def odd(bit):
 
 
 @pytest.mark.parametrize("spoil, text", [
-    (lambda bit: b"", "does not begin like a .bit"),
-    (lambda bit: bit[100:], "does not begin like a .bit"),
-    (cut, "cut short"),
-    (odd, "whole 32-bit words"),
+    (lambda bit: b"", "does not begin like a .bit"), (lambda bit: bit[100:], "does not begin like a .bit"),
+    (lambda bit: bit[:-5], "cut short"), (odd, "whole 32-bit words"),
     (lambda bit: bit.replace(b"a\0", b"q\0", 1), "header, byte 13"),
     (lambda bit: bit[:40], "header, byte"),
     (lambda bit: bit.replace(bytes.fromhex("aa995566"), b"\0\0\0\0"), "no synchronisation word"),

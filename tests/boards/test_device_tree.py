@@ -96,10 +96,9 @@ def test_buffers(which, get, facts):
     assert get(f"/axi/{name}", "dma-mask", "x") == [facts["dma"]["address_width"]]
 
 
-@pytest.mark.parametrize(
-    "bits, registers", [((32, 128), {4: 0, 5: 0, 14: 0}), ((64, 64), {4: 1, 5: 1, 14: 0x100}),
-                        ((128, 32), {4: 2, 5: 2, 14: 0x200})],
-)  # fmt: skip
+@pytest.mark.parametrize("bits, registers", [
+    ((32, 128), {4: 0, 5: 0, 14: 0}), ((64, 64), {4: 1, 5: 1, 14: 0x100}), ((128, 32), {4: 2, 5: 2, 14: 0x200}),
+])  # fmt: skip
 def test_afi_registers_follow_the_widths(bits, registers, maker, facts):
     """As AMD's device-tree generator writes them: 0x500 is 64 bits for both HPM ports, 0xa00 128."""
     changed = {**facts, "control": {**facts["control"], "data_width": bits[0]},

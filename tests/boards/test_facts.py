@@ -83,18 +83,14 @@ def test_names(tcl, facts):
 
 
 def test_widths(tcl, emitted):
-    """Interfaces and their widths are those of the facts."""
     interfaces, listed = infer(emitted, KV260.top), tcl["ip_interfaces"].split()
-    assert {name: (i["bus"], i["mode"]) for name, i in interfaces.items()} == {
-        name: (bus, mode) for name, bus, mode in zip(listed[::3], listed[1::3], listed[2::3], strict=True)
-    }
+    told = {(name, i["bus"], i["mode"]) for name, i in interfaces.items()}
+    assert told == {*zip(listed[::3], listed[1::3], listed[2::3], strict=True)}
     width = {(name, signal): bits for name, i in interfaces.items() for signal, (_, _, bits) in i["ports"].items()}
     for stream in ("s_axis", "m_axis"):
-        assert (
-            width[stream, "TDATA"] == 8 * width[stream, "TKEEP"] == KV260.stream_width == 8 * int(tcl["stream_bytes"])
-        )
-        assert width[stream, "TUSER"] == int(tcl["stream_user_width"])
-        assert (stream, "TLAST") in width
+        assert width[stream, "TDATA"] == 8 * width[stream, "TKEEP"] == KV260.stream_width
+        assert width[stream, "TUSER"] == int(tcl["stream_user_width"]) and (stream, "TLAST") in width
+    assert KV260.stream_width == 8 * int(tcl["stream_bytes"])
     assert width["s_axi", "WDATA"] == width["s_axi", "RDATA"] == KV260.registers_width
     assert 1 << width["s_axi", "AWADDR"] == 1 << width["s_axi", "ARADDR"] == KV260.registers_size
     assert int(tcl["dma_data_width"]) == KV260.stream_width
@@ -117,15 +113,9 @@ def test_the_guide_says_the_same(facts):
 
 def test_no_fact_is_written_down_again():
     """What people write by hand holds no address, part or pin: those come from the generated files."""
-    for path in [
-        *(BOARD / "vivado").glob("*.tcl"),
-        BOARD / "platform.py",
-        BOARD / "Makefile",
-        BOARD / "bit2bin.py",
-        *(BOARD / "sw").glob("*.sh"),
-    ]:
-        if path.name == "facts.tcl":
-            continue
+    written = [path for pattern in ("vivado/*.tcl", "sw/*.sh") for path in BOARD.glob(pattern)]
+    written += [BOARD / name for name in ("platform.py", "Makefile", "bit2bin.py")]
+    for path in {*written} - {BOARD / "vivado" / "facts.tcl"}:
         text = "\n".join(line.partition("#")[0] for line in path.read_text(encoding="utf-8").splitlines())
         text = re.sub(r'""".*?"""', "", text, flags=re.DOTALL)
         assert not re.search(r"0x[aA]00[0-9a-fA-F]{5}|xck26|kv260_som|\bA12\b|fan_en_b|pl_ps_irq0\[", text), path.name
@@ -153,9 +143,7 @@ def test_every_fact_has_a_source():
     """A line of ``board.toml``, or one near above it, names a file or a document, or says that the choice is ours."""
     lines = text_of("board.toml").splitlines()
     for section in tomllib.loads("\n".join(lines)):
-        start = lines.index(f"[{section}]") if f"[{section}]" in lines else next(
-            n for n, line in enumerate(lines) if line.startswith(f"[{section}]")
-        )  # fmt: skip
+        start = next(n for n, line in enumerate(lines) if line.startswith(f"[{section}]"))
         end = next((n for n in range(start + 1, len(lines)) if lines[n].startswith("[")), len(lines))
         comments = " ".join(line.partition("#")[2] for line in lines[start:end])
         assert re.search(r"ours|UG\d+|PG\d+|BoardStore|litex-boards|[\w-]+/[\w.-]+", comments), section

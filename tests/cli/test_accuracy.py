@@ -72,9 +72,8 @@ def test_tiles_of_a_turning_camera(command, turning, tmp_path):
     write_hdf5(tmp_path / "turn.h5", turning.events, 128, 96)
     gyroscope = tmp_path / "imu.txt"
     gyroscope.write_text("".join(f"{t} 0 0 9.81 {' '.join(map(str, OMEGA))}\n" for t in (0.0, 0.15)))
-    how = ("--truth", gyroscope, "--camera", CAMERA.text, "--engine", "model")
-    how = (*how, "--flow", "--window-events", 9000, "--batches", 1)
-    done = command(accuracy, tmp_path / "turn.h5", *how, "--out", tmp_path)
+    how = ["--engine", "model", "--flow", "--window-events", 9000, "--batches", 1, "--truth", gyroscope]
+    done = command(accuracy, tmp_path / "turn.h5", *how, "--camera", CAMERA.text, "--out", tmp_path)
     assert done.status == 0 and "px/half window" in done.out and "RMS vx" in done.out
     rows = csv.DictReader((tmp_path / "accuracy.csv").read_text().splitlines())
     errors = [float(row["error_px"]) for row in rows if row["trusted"] == "1"]

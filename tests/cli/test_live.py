@@ -9,6 +9,7 @@ import socket
 import struct
 import threading
 import time
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -29,6 +30,8 @@ HEADS = {
 ENCODE = {"evt2": evt2, "evt21": lambda events: evt21(events, legacy=True), "evt3": evt3}
 SMALL = options(FAST)
 MODEL = ["--engine", "model", "--roi", "8,9", "--batch-events", 90]
+#: Of :func:`make_events`, without a header.
+LARGE = "--format evt2 --sensor 240,180 --roi 100,60 --engine model --no-picture".split()
 
 
 @pytest.fixture
@@ -152,11 +155,7 @@ def test_a_sender_that_breaks_off(send, follow, dot_events, expected, tmp_path, 
 
 
 def test_the_end_of_a_stream_by_ctrl_c(send, follow, dot_events, monkeypatch):
-    def interrupted(self, batch):
-        if batch.index == 2:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr("cmfpga.cli.track.Lines.add", interrupted)
+    monkeypatch.setattr("cmfpga.cli.track.Lines.add", Mock(side_effect=[None, None, KeyboardInterrupt]))
     done = follow(send(HEADS["evt3"] + evt3(dot_events), 2))
     assert done.status == 0 and done.err == "note: interrupted; this is the end of the stream\n"
     assert done.out.startswith("3 batches tracked (model engine), ")
@@ -189,9 +188,8 @@ def test_wrong_words_among_them(send, follow, expected, dot_events, tmp_path, rn
 
 
 def test_too_many_wrong_words(send, follow, dot_events):
-    words = b"".join(
-        evt2(dot_events)[k : k + 8] + (0x1 << 28 | 900 << 11).to_bytes(4, "little") for k in range(0, 4800, 8)
-    )
+    good, wrong = evt2(dot_events), (0x1 << 28 | 900 << 11).to_bytes(4, "little")
+    words = b"".join(good[k : k + 8] + wrong for k in range(0, 4800, 8))
     done = follow(send(HEADS["evt2"] + words))
     assert re.search(r"600 of 1200 events lie outside the sensor of 32×24 px; up to 10% are left out", done.error)
 
@@ -199,10 +197,7 @@ def test_too_many_wrong_words(send, follow, dot_events):
 def test_a_slow_sender_is_answered_within_a_second(send, command, tmp_path, rng):
     """10,000 events/s of which few are in the ROI, and no batch option; then it breaks off, and nothing is lost."""
     events = make_events(rng, 9000, step=400)  # 100 µs from one to the next
-    done = command(
-        track, send(evt2(events)[:-1], 1), "--format", "evt2", "--sensor", "240,180", "--roi", "100,60", "--json",
-        "--engine", "model", "--no-picture", "--out", tmp_path,
-    )  # fmt: skip
+    done = command(track, send(evt2(events)[:-1], 1), *LARGE, "--json", "--out", tmp_path)
     first, *_, last = map(json.loads, done.out.splitlines())
     assert done.status == 2 and "cut off: 3 of 4 bytes" in done.err
     assert first["t_ref_us"] - events.t[0] < 500_000 and first["events"] > 0
@@ -245,11 +240,10 @@ def test_sigterm_ends_a_stream(send, follow, dot_events):
 
 def test_sigterm_before_the_first_answer(send, command, tmp_path, rng):
     """What came is tracked as if the stream had ended."""
-    events, options = make_events(rng, 3000, step=40), ["--engine", "model", "--no-picture", "--out", tmp_path]
+    events = make_events(rng, 3000, step=40)
     timer = threading.Timer(0.6, os.kill, [os.getpid(), signal.SIGTERM])
     timer.start()
-    place = ["--format", "evt2", "--sensor", "240,180", "--roi", "100,60"]
-    done = command(track, send(evt2(events), 5), *place, "--json", *options)
+    done = command(track, send(evt2(events), 5), *LARGE, "--json", "--out", tmp_path)
     assert done.status == 0 and "note: interrupted; this is the end of the stream" in done.err
     *lines, last = map(json.loads, done.out.splitlines())
     assert sum(line["events"] for line in lines) + last["summary"]["not_tracked"] == 3000 and lines
@@ -260,8 +254,8 @@ def test_a_sender_slower_than_its_own_times(send, command, tmp_path, rng, monkey
     events, answered = make_events(rng, 6000, step=8), []
     monkeypatch.setattr("cmfpga.cli.track.Lines.add", lambda self, batch: answered.append(time.monotonic()))
     pieces = [part for k in range(0, 6000, 100) for part in (evt2(events[k : k + 100]), 0.01)]
-    begin, place = time.monotonic(), ["--format", "evt2", "--sensor", "240,180", "--roi", "100,60"]
-    command(track, send(*pieces, 2), *place, "--engine", "model", "--no-picture", "--out", tmp_path)
+    begin = time.monotonic()
+    command(track, send(*pieces, 2), *LARGE, "--out", tmp_path)
     assert answered[0] - begin < 2.3 < 2.6 < time.monotonic() - begin
 
 
@@ -294,10 +288,9 @@ def test_a_sender_that_is_too_fast(send, rng, drop):
 
 
 def test_from_python(send, dot, dot_events):
-    tracking = cmfpga.track(
-        send(evt2(dot_events)), form="evt2", sensor=(32, 24), roi=(8, 9), batch_events=90, engine="model", **PAPER
-    )
-    assert tracking.vx.tolist() == cmfpga.track(dot, roi=(8, 9), batch_events=90, engine="model", **PAPER).vx.tolist()
+    how = {"roi": (8, 9), "batch_events": 90, "engine": "model", **PAPER}
+    tracking = cmfpga.track(send(evt2(dot_events)), form="evt2", sensor=(32, 24), **how)
+    assert tracking.vx.tolist() == cmfpga.track(dot, **how).vx.tolist()
     with pytest.raises(RecordingError, match="its events cannot be read again"):
         tracking.trace(0)
 

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 import cmfpga
-from cmfpga import cli
 from cmfpga.cli import build, generate, track
 from cmfpga.config import PRESETS
 from cmfpga.events import Events, write_hdf5
 from cmfpga.events import generate as synthetic
 from cmfpga.imaging.camera import RATES
 from cmfpga.rtl.core import Core
+from support.small_core import sets
+from support.tracks import floats
 
 OMEGA = (0.5, -1.0, 0.4)
 ZOOM, ROLL, VELOCITY = 0.9, -1.2, (30.0, 15.0)
@@ -43,60 +44,65 @@ def rows(folder):
         return [*csv.DictReader(file)]
 
 
-def test_a_rotation_needs_no_option(turn, tmp_path, capsys):
+@pytest.fixture
+def follow(command, tmp_path):
+    """``follow(preset, recording, option, …)``: what ``track`` said, by the model unless told otherwise."""
+
+    def follow(preset, recording, *options, out=tmp_path):
+        done = command(track, recording, "--preset", preset, "--engine", "model", "--out", out, *options)
+        assert done.status == 0, done.err
+        return done
+
+    return follow
+
+
+def test_a_rotation_needs_no_option(follow, turn, tmp_path):
     """No ROI, no calibration, no batches: the recording's own calibration, the whole sensor, batches that suit it."""
-    told = [str(turn), "--preset", "rotation", "--engine", "model", "--batches", "2", "--out", str(tmp_path)]
-    assert track.main(told) == 0
-    said, found = capsys.readouterr().out, rows(tmp_path)
+    said, found = follow("rotation", turn, "--batches", 2).out, rows(tmp_path)
     assert "\nωx 0." in said and "; ωy -" in said and " rad/s in the median" in said and "undistorted image" in said
-    assert "2 of 2 batches are to be trusted" in said and all(float(row["confidence"]) > 150 for row in found)
+    assert "2 of 2 batches are to be trusted" in said and (floats(found, "confidence") > 150).all()
     head = (tmp_path / "track.csv").read_text().splitlines()[0].split(",")
     rates = [column for name in RATES["rotation"] for column in (name, f"{name}_sd")]
     assert head[head.index("vy_px_per_s_sd") + 1 :][: len(rates)] == rates and head[-1] == "image"
-    for row in found:
-        omega = [float(row[name]) for name in RATES["rotation"]]
-        assert np.abs(np.array(omega) - OMEGA).max() < 0.06
-        assert 2.5 <= np.hypot(float(row["vx"]), float(row["vy"])) <= 5.5
+    omega = np.stack([floats(found, name) for name in RATES["rotation"]], axis=1)
+    assert np.abs(omega - OMEGA).max() < 0.06
+    speed = np.hypot(floats(found, "vx"), floats(found, "vy"))
+    assert (speed >= 2.5).all() and (speed <= 5.5).all()
     assert (tmp_path / "track.png").stat().st_size > 10_000
-    assert track.main([*told, "--json", "--no-picture"]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert summary["wy_rad_per_s"]["median"] == pytest.approx(np.median([float(row["wy_rad_per_s"]) for row in found]),
-                                                              abs=1e-6)  # fmt: skip
+    summary = json.loads(follow("rotation", turn, "--batches", 2, "--json", "--no-picture").out)
+    assert summary["wy_rad_per_s"]["median"] == pytest.approx(np.median(omega[:, 1]), abs=1e-6)
     assert (summary["config"]["roi_width"], summary["config"]["roi_height"]) == (240, 180)
 
 
 @pytest.mark.parametrize("sensor, camera, pixels, image", [
-    ((640, 480), "533,533,315,243,-0.35,0.12,0,0,0", "2×2", "320×240"),
-    ((1280, 720), "1066,1066,629,365,-0.35,0.12,0,0,0", "4×4", "320×180"),
+    ("640,480", "533,533,315,243,-0.35,0.12,0,0,0", "2×2", "320×240"),
+    ("1280,720", "1066,1066,629,365,-0.35,0.12,0,0,0", "4×4", "320×180"),
 ])  # fmt: skip
-def test_a_rotation_of_a_large_sensor_is_binned(sensor, camera, pixels, image, tmp_path, capsys):
+def test_a_rotation_of_a_large_sensor_is_binned(sensor, camera, pixels, image, command, follow, tmp_path):
     """Without an option, in the unit of the small one, and as exactly; px/s are those of the sensor's pixels."""
-    path, size = tmp_path / "turn.h5", "{},{}".format(*sensor)
-    told = ["--sensor", size, "--camera", camera, "--bars", "20", "--contrast", "1.5", "--duration-us", "90000"]
-    assert generate.main([str(path), "--rotation", "0.5,-1,0.4", *told]) == 0
-    told = [str(path), "--preset", "rotation", "--engine", "model", "--batches", "2", "--out", str(tmp_path)]
-    assert track.main([*told, "--no-picture"]) == 0
-    said, found = capsys.readouterr(), rows(tmp_path)
+    told = ["--sensor", sensor, "--camera", camera, "--bars", 20, "--contrast", 1.5, "--duration-us", 90_000]
+    assert command(generate, tmp_path / "turn.h5", "--rotation", "0.5,-1,0.4", *told).status == 0
+    said = follow("rotation", tmp_path / "turn.h5", "--batches", 2, "--no-picture")
     assert f"pixels are binned {pixels}, to {image} (binning = " in said.err
     assert "2 of 2 batches are to be trusted" in said.out
-    for row in found:
-        omega = np.array([float(row[name]) for name in RATES["rotation"]])
-        assert np.abs(omega - OMEGA).max() < 0.06
-        focus = float(camera.split(",")[0])
-        assert float(row["vx_px_per_s"]) == pytest.approx(-omega[1] * focus, rel=1e-3)
-        assert float(row["vy_px_per_s"]) == pytest.approx(omega[0] * focus, rel=1e-3)
+    found, focus = rows(tmp_path), float(camera.split(",")[0])
+    omega = [floats(found, name) for name in RATES["rotation"]]
+    assert np.abs(np.transpose(omega) - OMEGA).max() < 0.06
+    np.testing.assert_allclose(floats(found, "vx_px_per_s"), -omega[1] * focus, rtol=1e-3)
+    np.testing.assert_allclose(floats(found, "vy_px_per_s"), omega[0] * focus, rtol=1e-3)
 
 
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("preset", ["similarity", "rotation"])
-def test_the_axi_top_finds_the_same(preset, turn, grow, tmp_path, capsys):
+def test_the_axi_top_finds_the_same(preset, turn, grow, follow, tmp_path):
     """All rows of the model, but for the cycles, which the core's formula gives."""
     config = PRESETS[preset]
     core, found = Core(config), {}
     where = [grow, "--roi", "56,26"] if preset == "similarity" else [turn]
     for engine in ("axi", "model"):
-        told = [*where, "--preset", preset, "--engine", engine, "--batch-events", "2500", "--batches", "3"]
-        assert track.main([*map(str, told), "--no-picture", "--out", str(tmp_path / engine)]) == 0
+        told = [*where, "--engine", engine, "--batch-events", 2500, "--batches", 3, "--no-picture"]
+        said = follow(preset, *told, out=tmp_path / engine).out
+        assert said.startswith(f"3 batches tracked ({engine} engine)")
         found[engine] = rows(tmp_path / engine)
     sure = False
     for a, b in zip(found["axi"], found["model"], strict=True):
@@ -105,24 +111,23 @@ def test_the_axi_top_finds_the_same(preset, turn, grow, tmp_path, capsys):
         assert sure == (float(b["confidence"]) >= config.confidence_limit)
         counts = {name: int(a[name]) for name in ("events", "roi_events")}
         assert a == b | {"cycles": str(core.cycles(**counts, iterations=plan))}
-    assert len(found["axi"]) == 3 and "3 batches tracked (axi engine)" in capsys.readouterr().out
+    assert len(found["axi"]) == 3
 
 
 @pytest.mark.usefixtures("long_tools")
-def test_the_axi_top_is_built(tmp_path, capsys):
+def test_the_axi_top_is_built(command, tmp_path):
     """Without a camera, which shapes no hardware; its documents have the registers of the motion."""
-    small = "sensor_width=48 sensor_height=32 roi_width=48 roi_height=32 buffer_events=64 ram_style=auto".split()
-    told = ["--preset", "rotation", "--top", "kv260", *(part for field in small for part in ("--set", field))]
-    assert build.main([*told, "--out", str(tmp_path)]) == 0
+    small = {"sensor_width": 48, "sensor_height": 32, "roi_width": 48, "roi_height": 32, "buffer_events": 64}
+    told = ["--preset", "rotation", "--top", "kv260", *sets(small | {"ram_style": "auto"})]
+    assert command(build, *told, "--out", tmp_path).status == 0
     told = json.loads((tmp_path / "kv260-info.json").read_text(encoding="utf-8"))
     assert told["configuration"]["motion"] == "rotation" and told["result_words"] == 22
     assert {"CENTRE", "CURVE", "NODE_WRITE", "RESULT_V_ROLL"} <= set(told["registers"])
     assert "`CURVE`" in (tmp_path / "registers.md").read_text(encoding="utf-8")
 
 
-def test_python_finds_the_same(turn, tmp_path):
-    assert track.main([str(turn), "--preset", "rotation", "--engine", "model", "--batches", "1", "--no-picture",
-                       "--out", str(tmp_path)]) == 0  # fmt: skip
+def test_python_finds_the_same(follow, turn, tmp_path):
+    follow("rotation", turn, "--batches", 1, "--no-picture")
     found = cmfpga.track(turn, preset="rotation", engine="model", batches=1)
     found.to_csv(tmp_path / "python.csv")
     assert (tmp_path / "python.csv").read_text() == (tmp_path / "track.csv").read_text()
@@ -134,18 +139,20 @@ def test_python_finds_the_same(turn, tmp_path):
     assert trace[len(trace) - 1].raw["v_next"].shape == (3,)
 
 
-def test_a_similarity_tracks_an_roi(grow, tmp_path, capsys):
-    told = [str(grow), "--preset", "similarity", "--roi", "56,26", "--engine", "model", "--out", str(tmp_path)]
-    assert track.main([*told, "--batch-us", "100000", "--batches", "1"]) == 0
-    said, (row,) = capsys.readouterr().out, rows(tmp_path)
+def test_a_similarity_tracks_an_roi(follow, grow, tmp_path):
+    told = ["similarity", grow, "--roi", "56,26", "--batches", 1]
+    said, (row,) = follow(*told, "--batch-us", 100_000).out, rows(tmp_path)
     zoom, roll, contact = (float(row[name]) for name in RATES["similarity"])
     assert zoom == pytest.approx(ZOOM, abs=0.15) and roll == pytest.approx(ROLL, abs=0.1)
     assert contact == pytest.approx(1 / zoom, abs=1e-4) and "time to contact " in said
-    assert track.main([*told, "--batches", "1", "--json", "--no-picture"]) == 0
-    assert set(json.loads(capsys.readouterr().out)) >= {"zoom_per_s", "roll_rad_per_s", "time_to_contact_s"}
+    assert set(json.loads(follow(*told, "--json", "--no-picture").out)) >= {
+        "zoom_per_s",
+        "roll_rad_per_s",
+        "time_to_contact_s",
+    }
 
 
-def test_two_objects_of_which_one_turns(tmp_path, capsys):
+def test_two_objects_of_which_one_turns(follow, tmp_path):
     """Each has the columns of one object alone, and its own motion."""
     how = {"size": (60, 60), "bars": 14, "contrast": 2.0, "duration_us": 80_000}
     made = [
@@ -153,14 +160,10 @@ def test_two_objects_of_which_one_turns(tmp_path, capsys):
         synthetic(seed=2, position=(170.0, 115.0), velocity=(0.0, -40.0), roll=2.5, zoom=-0.8, **how),
     ]
     write_hdf5(tmp_path / "two.h5", Events.merge(scene.events for scene in made), 240, 180)
-    where = [
-        f"--roi={name}={x},{y}" for name, (x, y) in zip("ab", (one.roi_start(64, 64) for one in made), strict=True)
-    ]
-    fields = ["motion=similarity", "ascent=sign", "schedule_entries=64", "confidence_limit=30"]
-    told = [tmp_path / "two.h5", "--preset", "objects", *(part for field in fields for part in ("--set", field))]
-    told += ["--engine", "model", "--batch-us", "75000", "--batches", "1", "--no-picture", "--out", tmp_path]
-    assert track.main([*map(str, told), *where]) == 0
-    said, heads = capsys.readouterr().out, set()
+    where = ["{},{}".format(*one.roi_start(64, 64)) for one in made]
+    fields = {"motion": "similarity", "ascent": "sign", "schedule_entries": 64, "confidence_limit": 30}
+    told = ["objects", tmp_path / "two.h5", *sets(fields), "--batch-us", 75_000, "--batches", 1, "--no-picture"]
+    said, heads = follow(*told, "--roi", f"a={where[0]}", "--roi", f"b={where[1]}").out, set()
     assert "a: roll" not in said and "\na: zoom " in said and "\nb: zoom " in said
     for name, zoom, roll in (("a", 0.0, 0.0), ("b", -0.8, 2.5)):
         text = (tmp_path / f"track-{name}.csv").read_text(encoding="utf-8")
@@ -168,23 +171,15 @@ def test_two_objects_of_which_one_turns(tmp_path, capsys):
         heads.add(text.splitlines()[0])
         assert float(row["zoom_per_s"]) == pytest.approx(zoom, abs=0.3) and row["flags"] in ("", "thinned")
         assert float(row["roll_rad_per_s"]) == pytest.approx(roll, abs=0.3)
-    assert track.main([*map(str, told), where[0].replace("a=", "")]) == 0
+    follow(*told, "--roi", where[0])
     assert heads == {(tmp_path / "track.csv").read_text(encoding="utf-8").splitlines()[0]}
 
 
-def refused(main, arguments, capsys):
-    capsys.readouterr()
-    assert cli.run(main, [*map(str, arguments)]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("error: ") and said.count("\n") == 1
-    return said
-
-
-def test_a_rotation_without_a_calibration(grow, turn, tmp_path, capsys):
+def test_a_rotation_without_a_calibration(command, follow, grow, turn, tmp_path):
     told = ["--preset", "rotation", "--engine", "model", "--out", tmp_path]
-    assert "no calibration, which motion = rotation needs: --camera FILE" in refused(track.main, [grow, *told], capsys)
-    assert "synthetic scene: it holds no calibration" in refused(track.main, told, capsys)
-    assert track.main([str(grow), *map(str, told), "--camera", str(turn), "--batch-us", "60000", "--batches", "1"]) == 0
+    assert "no calibration, which motion = rotation needs: --camera FILE" in command(track, grow, *told).error
+    assert "synthetic scene: it holds no calibration" in command(track, *told).error
+    follow("rotation", grow, "--camera", turn, "--batch-us", 60_000, "--batches", 1)
 
 
 @pytest.mark.parametrize("told, why", [
@@ -193,8 +188,8 @@ def test_a_rotation_without_a_calibration(grow, turn, tmp_path, capsys):
     (["--rotation", "0,1,0", "--camera", "200,200,120,90", "--velocity", "1,1"], "nothing but the camera moves"),
     (["--zoom", "1e9"], "zoom = 1000000000.0"), (["--roll", "x"], "a number is needed"), (["--bars", "0"], "bars"),
 ])  # fmt: skip
-def test_scenes_that_there_are_not(told, why, tmp_path, capsys):
-    assert why in refused(generate.main, [tmp_path / "scene.h5", *told], capsys)
+def test_scenes_that_there_are_not(command, told, why, tmp_path):
+    assert why in command(generate, tmp_path / "scene.h5", *told).error
 
 
 def test_the_file_tells_the_truth(turn, grow):
@@ -207,11 +202,10 @@ def test_the_file_tells_the_truth(turn, grow):
 
 @pytest.mark.usefixtures("long_tools")
 @pytest.mark.parametrize("preset", ["similarity", "rotation"])
-def test_the_core_is_built_without_a_camera(preset, tmp_path):
+def test_the_core_is_built_without_a_camera(command, preset, tmp_path):
     """Which shapes no hardware."""
-    assert build.main(["--preset", preset, "--out", str(tmp_path)]) == 0
+    assert command(build, "--preset", preset, "--out", tmp_path).status == 0
     info = json.loads((tmp_path / "build-info.json").read_text(encoding="utf-8"))
     assert info["configuration"]["motion"] == preset
-    assert "\nmodule cmfpga_core_image_one_pass_gradient_moments" in (tmp_path / "cmfpga_core.v").read_text(
-        encoding="utf-8"
-    )
+    verilog = (tmp_path / "cmfpga_core.v").read_text(encoding="utf-8")
+    assert "\nmodule cmfpga_core_image_one_pass_gradient_moments" in verilog

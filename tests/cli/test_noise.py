@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import cmfpga
-from cmfpga import cli
 from cmfpga.cli import flow, info, track
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate, write_hdf5
@@ -32,11 +31,21 @@ def noisy(tmp_path_factory):
     return path
 
 
-def tracked(noisy, folder, capsys, *options):
-    """The summary of two batches."""
-    arguments = ["--roi", "100,31", "--batch-events", "4000", "--batches", "2", "--engine", "model", "--no-picture"]
-    assert track.main([str(noisy), *arguments, "--json", "--out", str(folder), *options]) == 0
-    return json.loads(capsys.readouterr().out)
+ONE = ["--roi", "100,31", "--batches", 1, "--engine", "model", "--no-picture"]
+TWO = {"roi": (100, 31), "batch_events": 4000, "batches": 2, "engine": "model"}
+
+
+@pytest.fixture
+def tracked(command, noisy, tmp_path):
+    """``tracked(option, …)``: the summary of two batches."""
+
+    def tracked(*options):
+        arguments = [*ONE, "--batches", 2, "--batch-events", 4000, "--json", "--out", tmp_path]
+        done = command(track, noisy, *arguments, *options)
+        assert done.status == 0
+        return json.loads(done.out)
+
+    return tracked
 
 
 def events_of(noisy, pixels):
@@ -45,35 +54,35 @@ def events_of(noisy, pixels):
     return sum(int(((events.x == x) & (events.y == y)).sum()) for x, y in pixels)
 
 
-def test_hot_pixels_by_hand_from_a_file_and_found(noisy, tmp_path, capsys):
+def test_hot_pixels_by_hand_from_a_file_and_found(noisy, tracked, tmp_path):
     (tmp_path / "hot.txt").write_text("# of this sensor\n20,30\n\n200,11  # the other\n")
     wanted = events_of(noisy, HOT)
     assert wanted > 100
     for told in ("20,30;200,11", str(tmp_path / "hot.txt"), "auto", None):
-        found = tracked(noisy, tmp_path, capsys, *(["--hot-pixels", told] if told else []))
+        found = tracked(*(["--hot-pixels", told] if told else []))
         assert found["dropped"] == {"hot": wanted, "noise": 0}
         assert found["config"]["hot_pixels"] == 1 and found["config"]["background"] == 0
     for told in (["--hot-pixels", "none"], ["--set", "hot_pixels=0"]):
-        assert "dropped" not in tracked(noisy, tmp_path, capsys, *told)
+        assert "dropped" not in tracked(*told)
 
 
 NOTE = "hot pixels 20,30 (900 events), 200,11 (400 events): "
 
 
 @pytest.mark.usefixtures("long_tools")
-def test_a_note_says_which_are_dropped_by_default(noisy, tmp_path, capsys):
+def test_a_note_says_which_are_dropped_by_default(command, noisy, tmp_path):
     """Alike by track, flow, sweep and Python; what info calls hot."""
-    tracked_, wanted = ["--roi", "100,31", "--batches", "1", "--no-picture"], events_of(noisy, HOT)
-    for run, options in ((track.main, tracked_), (flow.main, ["--windows", "1", "--no-picture"])):
-        assert run([str(noisy), *options, "--engine", "model", "--out", str(tmp_path / run.__module__)]) == 0
-        (note,) = [line for line in capsys.readouterr().err.splitlines() if "hot" in line]
+    for module, options in ((track, ONE), (flow, ["--windows", 1, "--no-picture", "--engine", "model"])):
+        done = command(module, noisy, *options, "--out", tmp_path / module.__name__)
+        assert done.status == 0
+        (note,) = [line for line in done.err.splitlines() if "hot" in line]
         assert note.startswith(f"note: {NOTE}") and note.endswith("which are dropped; --hot-pixels none keeps them")
-    how = {"roi": (100, 31), "batch_events": 4000, "batches": 2, "engine": "model"}
-    for run, more in ((cmfpga.track, how), (cmfpga.flow, {"windows": 1, "engine": "model"})):
+    for run, more in ((cmfpga.track, TWO), (cmfpga.flow, {"windows": 1, "engine": "model"})):
         with pytest.warns(UserWarning, match=f"^{re.escape(NOTE)}.* hot_pixels=0 keeps them$"):
             found = run(noisy, **more)
         assert found.config.hot == tuple(HOT)
-    assert sum(one.hot for one in cmfpga.track(noisy, **how, hot_pixels=1, hot_mask="auto").results) == wanted
+    found = cmfpga.track(noisy, **TWO, hot_pixels=1, hot_mask="auto")
+    assert sum(one.hot for one in found.results) == events_of(noisy, HOT)
     (subject,) = plan.subjects([f"{noisy}@100,31"], None, task.Run(engine="model"))
     for assignments, hot in (([], tuple(HOT)), (["hot_pixels=0"], ())):
         (choice,), _ = plan.choices("fast", assignments, [])
@@ -87,13 +96,12 @@ def test_hardware_without_a_mask_gets_none(noisy, engine):
         assert usual_survey(recording, "rtl", {}).hot_pixels() == [(*at, count) for at, count in HOT.items()]
 
 
-def test_background_activity_goes_and_the_object_stays(noisy, tmp_path, capsys):
+def test_background_activity_goes_and_the_object_stays(noisy, tracked):
     """Of the sensor's uniform noise most, of the object little: its contrast stays, and v."""
-    plain = cmfpga.track(noisy, roi=(100, 31), batch_events=4000, batches=2, engine="model", hot_pixels=0)
+    plain = cmfpga.track(noisy, **TWO, hot_pixels=0)
     fields = {"hot_pixels": 1, "hot_mask": "auto", "background": 1, "background_us": 20_000}
-    clean = cmfpga.track(noisy, roi=(100, 31), batch_events=4000, batches=2, engine="model", **fields)
-    told = ["--hot-pixels", "auto", "--background-us", "20000"]
-    dropped = tracked(noisy, tmp_path, capsys, *told)["dropped"]
+    clean = cmfpga.track(noisy, **TWO, **fields)
+    dropped = tracked("--hot-pixels", "auto", "--background-us", 20_000)["dropped"]
     assert dropped == {name: sum(getattr(one, name) for one in clean.results) for name in ("hot", "noise")}
     assert dropped["hot"] == events_of(noisy, HOT) and 500 < dropped["noise"] < 3000
     for found in (clean, plain):
@@ -102,11 +110,10 @@ def test_background_activity_goes_and_the_object_stays(noisy, tmp_path, capsys):
     assert [len(clean.trace(k).t) for k in (0, 1)] == [one.roi_events for one in clean.results]
 
 
-def test_the_text_says_what_was_dropped(noisy, tmp_path, capsys):
-    arguments = ["--roi", "100,31", "--batches", "1", "--engine", "model", "--no-picture", "--out", str(tmp_path)]
-    assert track.main([str(noisy), *arguments, "--hot-pixels", "20,30"]) == 0
-    assert f"\n{events_of(noisy, [])} events" not in (said := capsys.readouterr().out)
-    assert " events of hot pixels dropped, 0 of background activity\n" in said
+def test_the_text_says_what_was_dropped(command, noisy, tmp_path):
+    done = command(track, noisy, *ONE, "--hot-pixels", "20,30", "--out", tmp_path)
+    assert done.status == 0 and f"\n{events_of(noisy, [])} events" not in done.out
+    assert " events of hot pixels dropped, 0 of background activity\n" in done.out
 
 
 @pytest.mark.parametrize("options, message", [
@@ -119,9 +126,9 @@ def test_the_text_says_what_was_dropped(noisy, tmp_path, capsys):
     (["--set", "background_us=5"], "background_us = 5: background = 1 is needed; background = 0 ignores it"),
     (["--background-us", "5", "--wave", "0", "--engine", "model"], "--wave: one batch by itself does not know"),
 ])  # fmt: skip
-def test_what_is_refused(noisy, tmp_path, options, message, capsys):
-    status = cli.run(track.main, [str(noisy), "--roi", "100,31", "--batches", "1", "--out", str(tmp_path), *options])
-    assert status == 2 and capsys.readouterr().err.splitlines()[-1].startswith(f"error: {message}")
+def test_what_is_refused(command, noisy, tmp_path, options, message):
+    done = command(track, noisy, "--roi", "100,31", "--batches", 1, "--out", tmp_path, *options)
+    assert done.error.startswith(message)
 
 
 def test_a_stream_has_no_hot_pixels_to_find():
@@ -136,13 +143,13 @@ def test_a_stream_has_no_hot_pixels_to_find():
     assert usual_survey(Stream(), "rtl", {}) is None  # by default none are looked for
 
 
-def test_info_proposes_them(noisy, capsys):
-    assert info.main([str(noisy), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert {(pixel["x"], pixel["y"]): pixel["events"] for pixel in found["hot_pixels"]} == HOT
+def test_info_proposes_them(command, noisy):
+    done = command(info, noisy, "--json")
+    found = json.loads(done.out)
+    assert done.status == 0 and {(pixel["x"], pixel["y"]): pixel["events"] for pixel in found["hot_pixels"]} == HOT
     mask, background = found["noise"]
     assert mask == {"options": "--hot-pixels auto", "share": round(1300 / found["events"], 4)}
     assert background["options"] == "--background-us 40000" and 0.02 < background["share"] < 0.3
-    assert info.main([str(noisy), "--no-frame", "--no-proposal"]) == 0
-    said = capsys.readouterr().out
-    assert "\nnoise       --hot-pixels auto drops " in said and "--background-us" not in said
+    done = command(info, noisy, "--no-frame", "--no-proposal")
+    assert done.status == 0 and "\nnoise       --hot-pixels auto drops " in done.out
+    assert "--background-us" not in done.out

@@ -55,8 +55,8 @@ def test_several_objects(command, tmp_path):
 
 def test_files_are_listed_as_json(command, tmp_path):
     done = command(track, *FAST, "--engine", "model", "--batches", 1, "--report", "--json", "--out", tmp_path)
-    names = ["track.csv", "track.npz", "report.html"]
-    assert json.loads(done.out)["files"] == [str(tmp_path / name) for name in names]
+    told, names = json.loads(done.out), ["track.csv", "track.npz", "report.html"]
+    assert told["files"] == [str(tmp_path / name) for name in names] and told["batches"] == 1
 
 
 @pytest.mark.usefixtures("long_tools")

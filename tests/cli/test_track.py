@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from matplotlib.image import AxesImage
+from matplotlib.patches import Ellipse
 from matplotlib.text import Text
 from PIL import Image, ImageSequence
 
@@ -16,7 +17,6 @@ from cmfpga.config import Config
 from cmfpga.engines import usual_preset
 from cmfpga.events import Events, write_hdf5
 from cmfpga.show.gallery import Gallery
-from cmfpga.verilog.compiler import find_compiler
 from support.designs import PAPER
 from support.recordings import text_lines
 from support.tracks import but_cycles, flags, floats, looks_like_a_track
@@ -60,23 +60,23 @@ def test_verilog_and_model_write_the_same(compiler, follow, rows, tmp_path, mode
         assert row["iterations"] == "15"
 
 
-def test_the_verdict_stands_above_the_picture(command, monkeypatch, tmp_path):
-    titles, figure = [], Gallery.figure
-    monkeypatch.setattr(Gallery, "figure", lambda self, verdict="": titles.append(verdict) or figure(self, verdict))
-    done = command(track, "--batches", 2, "--engine", "model", "--out", tmp_path)
-    (title,) = titles
-    share, velocity = title.split("\n")
+def test_the_picture_shows_v_and_how_sure_it_is(command, monkeypatch, tmp_path):
+    """An arrow from the ROI's middle, the way in 0.2 s; at its tip what holds 95 % of a plane's normal distribution.
+
+    The verdict stands above it.
+    """
+    titles, made, figure = [], [], Gallery.figure
+
+    def watched(self, verdict=""):
+        titles.append(verdict)
+        made.append(figure(self, verdict))
+        return made[0]
+
+    monkeypatch.setattr(Gallery, "figure", watched)
+    done = command(track, "--batches", 3, "--engine", "model", "--out", tmp_path)
+    ((share, velocity),) = (title.split("\n") for title in titles)
     assert done.status == 0 and " windows are to be trusted" in share and velocity.startswith("velocity ")
     assert share in done.out and velocity in done.out
-
-
-def test_the_picture_shows_v_and_how_sure_it_is(command, monkeypatch, tmp_path):
-    """An arrow from the ROI's middle, the way in 0.2 s; at its tip what holds 95 % of a plane's normal distribution."""
-    from matplotlib.patches import Ellipse
-
-    made, figure = [], Gallery.figure
-    monkeypatch.setattr(Gallery, "figure", lambda self, verdict="": made.append(figure(self, verdict)) or made[0])
-    assert command(track, "--batches", 3, "--engine", "model", "--out", tmp_path).status == 0
     with (tmp_path / "track.csv").open(newline="") as file:
         seconds, found = 0.2, [*csv.DictReader(file)]
     assert f"v: the way in {seconds} s, " in made[0].legends[0].get_texts()[-1].get_text()
@@ -134,13 +134,10 @@ def test_the_defaults(command, rows, tmp_path):
     """
     lines = ["240 180"] + [f"{k * 1e-5:.6f} {k % 64} {k % 7} {k % 2}" for k in range(5001)]
     (tmp_path / "events.txt").write_text("\n".join(lines))
-    done = command(
-        track, tmp_path / "events.txt", "--roi", "0,0", "--engine", "model", "--set", "buffer_events=5000",
-        "--set", "judge=0", "--time-unit", "s", "--out", tmp_path / "a",
-    )  # fmt: skip
-    assert done.err == (
-        "note: in batches: how long windows are follows from the confidence, which is not measured\n"
-    ) and [row["events"] for row in rows(tmp_path / "a")] == ["5000"]
+    how = "--roi 0,0 --engine model --set buffer_events=5000 --set judge=0 --time-unit s".split()
+    done = command(track, tmp_path / "events.txt", *how, "--out", tmp_path / "a")
+    told = "in batches: how long windows are follows from the confidence, which is not measured"
+    assert done.err == f"note: {told}\n" and [row["events"] for row in rows(tmp_path / "a")] == ["5000"]
     options = track.parser().parse_args(["x"])
     assert (options.engine, options.out, options.preset, options.start_event) == ("rtl", "cmfpga-track", None, 0)
     assert usual_preset({}, engine="model") == ("sliding", None)
@@ -212,10 +209,11 @@ def test_any_name_of_a_recording(follow, dot, tmp_path, name):
 
 
 def test_pictures_as_files_of_other_kinds(follow, tmp_path):
-    done = follow("--picture", tmp_path / "a.pdf", "--picture", tmp_path / "b.gif", roi=["--roi", "one=8,9"])
-    assert done.status == 0 and [*map(str, tmp_path.glob("*.png"))] == []
-    assert (tmp_path / "a-one.pdf").read_bytes().startswith(b"%PDF") and f"wrote {tmp_path}/b-one.gif" in done.out
-    with Image.open(tmp_path / "b-one.gif") as moving:
+    done = follow("--picture", tmp_path / "a.pdf", "--picture", tmp_path / "b.gif", roi=["--roi", "my-star_1=8,9"])
+    files = ["a-my-star_1.pdf", "b-my-star_1.gif", "track-my-star_1.csv"]
+    assert done.status == 0 and sorted(path.name for path in tmp_path.iterdir()) == files
+    assert (tmp_path / files[0]).read_bytes().startswith(b"%PDF") and f"wrote {tmp_path}/{files[1]}" in done.out
+    with Image.open(tmp_path / files[1]) as moving:
         assert moving.n_frames == 6 and moving.info["loop"] == 0  # a batch each, over and over
         frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(moving)]
     # The ROI's frame, tab:red, moves to the right.
@@ -276,17 +274,9 @@ def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_
     assert share((0.1216, 0.4667, 0.7059)) > 1e-4 and share((1.0, 0.498, 0.0549)) > 1e-4  # vx, vy
 
 
-def test_the_synthetic_scene_as_json_is_only_json(command, tmp_path):
-    options = ["--engine", "model", "--set", "cold=0:1:1", "--batch-events", 1640, "--batches", 2, "--no-picture"]
-    found = json.loads(command(track, *options, "--json", "--out", tmp_path).out)
-    assert found["batches"] == 2 and found["config"]["cold"] == "0:1:1"
-
-
 def test_the_scene_with_other_options(command, rows, tmp_path):
-    done = command(
-        track, "--engine", "float", "--roi", "40,60", "--batch-us", "20000", "--batches", 3, "--preset", "paper",
-        "--set", "iterations=2", "--out", tmp_path, "--no-picture", "--json",
-    )  # fmt: skip
+    how = "--engine float --roi 40,60 --batch-us 20000 --batches 3 --preset paper --set iterations=2 --json".split()
+    done = command(track, *how, "--no-picture", "--out", tmp_path)
     assert json.loads(done.out)["config"]["eta"] == 4.0  # the scene's own
     assert rows(tmp_path)[0]["roi_x"] == "40"
 
@@ -337,10 +327,10 @@ def test_no_event_in_the_roi(flagged, dot_events):
 
 
 @pytest.mark.parametrize("engine", ["model", "rtl"])
-def test_windows_without_events(flagged, dot_events, engine):
+def test_windows_without_events(request, flagged, dot_events, engine):
     """Time goes on: a pause of 3 ms in the middle is three empty windows."""
-    if engine == "rtl" and find_compiler() is None:
-        pytest.skip("no C++ compiler")
+    if engine == "rtl":
+        request.getfixturevalue("compiler")
     paused = dot_events.t + 3000 * (np.arange(600) >= 300)
     found, _ = flagged(size=("--batch-us", 1000), engine=engine, t=paused, picture=engine == "model")
     assert [row["events"] for row in found] == ["100"] * 3 + ["0"] * 3 + ["100"] * 2

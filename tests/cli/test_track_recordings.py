@@ -13,7 +13,6 @@ from cmfpga.events import BatchCutter, open_recording
 from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.core import Core
 from cmfpga.tracking import loop
-from cmfpga.verilog.compiler import find_compiler
 from support.tracks import but_cycles, flags, floats, looks_like_a_track
 
 
@@ -87,25 +86,24 @@ def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
     assert floats(found, "cycles").sum() < floats(slow, "cycles").sum() / 10
 
 
-@pytest.mark.parametrize("name, engine, options, vx, vy, doubtful", [
+@pytest.mark.parametrize("name, engine, options, vx, vy", [
     # Up at 500 to 620 px/s, and slowing.
     ("davis240c_shapes_translation_52.0s.h5", "rtl",
-     ["--roi", "100,60", "--batch-events", 4000, "--preset", "paper"], (-30, 30), (-700, -420), ()),
+     ["--roi", "100,60", "--batch-events", 4000, "--preset", "paper"], (-30, 30), (-700, -420)),
     # To the left at about 120 px/s (ground truth from the gyroscope).
     ("davis240c_shapes_rotation_2.1s_gtflow.h5", "rtl",
-     ["--roi", "100,60", "--batch-us", 20000], (-150, -110), (-30, 0), ()),
+     ["--roi", "100,60", "--batch-us", 20000], (-150, -110), (-30, 0)),
     # Up, measured at 30 to 33 px/s over the whole image.
     ("davis240b_evbench_seq0002.h5", "model",
-     ["--roi", "60,100", "--batch-roi-events", 2000, "--batches", 5], (-10, 10), (-50, -28), ()),
+     ["--roi", "60,100", "--batch-roi-events", 2000, "--batches", 5], (-10, 10), (-50, -28)),
 ])  # fmt: skip
-def test_other_recordings_and_other_batches(data_dir, command, rows, tmp_path, name, engine, options, vx, vy, doubtful):
-    if engine == "rtl" and find_compiler() is None:
-        pytest.skip("no C++ compiler")
+def test_other_recordings_and_other_batches(request, data_dir, command, rows, tmp_path, name, engine, options, vx, vy):
+    if engine == "rtl":
+        request.getfixturevalue("compiler")
     done = command(track, data_dir / name, *options, "--engine", engine, "--out", tmp_path, "--no-picture")
     assert (done.status, done.complaints) == (0, [])
     found = rows(tmp_path)
-    # These batches are shorter than suits the motion.
-    assert len(found) >= 4 and flags(found) == ["doubtful" if k in doubtful else "" for k in range(len(found))]
+    assert len(found) >= 4 and flags(found) == [""] * len(found)
     for axis, (low, high) in (("vx_px_per_s", vx), ("vy_px_per_s", vy)):
         assert low < np.median(floats(found, axis)) < high
     if "--batch-roi-events" in options:
@@ -124,10 +122,8 @@ def test_a_text_recording_as_it_was_published(compiler, data_dir, command, rows,
 
 def test_a_real_overflow(data_dir, command, rows, tmp_path):
     """A bright dot with more events than the buffer holds, on another sensor than the default's."""
-    done = command(
-        track, data_dir / "prophesee_spinner_640x480.h5", "--roi", "216,85", "--batches", 2, "--engine", "model",
-        "--set", "cold=0:1:1", "--set", "when_full=drop", "--out", tmp_path, "--json",
-    )  # fmt: skip
+    how = "--roi 216,85 --batches 2 --engine model --set cold=0:1:1 --set when_full=drop --json".split()
+    done = command(track, data_dir / "prophesee_spinner_640x480.h5", *how, "--out", tmp_path)
     assert (done.status, done.complaints) == (0, [])
     assert json.loads(done.out)["config"]["sensor_width"] == 640 and json.loads(done.out)["batches_with_warnings"] == 2
     assert flags(rows(tmp_path)) == ["overflow", "overflow|doubtful"]
@@ -143,10 +139,8 @@ def test_a_real_overflow(data_dir, command, rows, tmp_path):
 def test_no_event_of_a_real_recording_is_lost_uncounted(data_dir, name, roi, changes, expected):
     """Even with hardware that is far too small for it."""
     with open_recording(data_dir / name) as recording:
-        config = Config(
-            sensor_width=recording.width, sensor_height=recording.height, iterations=1, roi_width=32, roi_height=32,
-            **changes,
-        )  # fmt: skip
+        sensor = {"sensor_width": recording.width, "sensor_height": recording.height}
+        config = Config(**sensor, iterations=1, roi_width=32, roi_height=32, **changes)
         cutter = BatchCutter(recording, events=4000, max_events=4000)
         seen = Flag(0)
         for batch in loop.track(make_engine("model", config), cutter, roi=roi, batches=6):

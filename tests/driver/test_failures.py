@@ -27,10 +27,8 @@ def test_interrupt_that_never_comes(accelerator, backend, rng, monkeypatch):
         return False
 
     monkeypatch.setattr(backend, "wait_interrupt", dead)
-    with (
-        within(5),
-        pytest.raises(DeviceTimeout, match=r"the result came, but no interrupt within 0\.1 s; interrupt=False"),
-    ):
+    message = r"the result came, but no interrupt within 0\.1 s; interrupt=False"
+    with within(5), pytest.raises(DeviceTimeout, match=message):
         accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.1)
     accelerator.interrupt = False
     accelerator.reset()
@@ -98,10 +96,8 @@ def test_words_that_get_lost(accelerator, backend, rng, monkeypatch):
 
 def test_input_that_does_not_change(accelerator, backend, rng):
     backend.override("STATUS", INPUT_PENDING=1)
-    with (
-        within(5),
-        pytest.raises(DeviceTimeout, match=r"the kind of input does not change within 0\.1 s: 0 words taken"),
-    ):
+    message = r"the kind of input does not change within 0\.1 s: 0 words taken"
+    with within(5), pytest.raises(DeviceTimeout, match=message):
         accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.1)
     backend.overrides.clear()
     works(accelerator, rng)

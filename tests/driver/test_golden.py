@@ -15,7 +15,7 @@ from support.driving import CONFIG
 
 
 def test_kept_results_are_current():
-    kept = golden.json.loads((golden.Path(golden.__file__).with_name(golden.FILE)).read_text(encoding="utf-8"))
+    kept = golden.json.loads(golden.Path(golden.__file__).with_name(golden.FILE).read_text(encoding="utf-8"))
     assert kept == golden.json.loads(golden.json.dumps(golden.make())), "run python -m cmfpga.driver.golden"
 
 

@@ -9,17 +9,14 @@ from cmfpga.errors import ConfigError
 from support.driving import CONFIG, REGISTERS, batch, works
 
 
-@pytest.mark.parametrize(
-    "register, fields, message",
-    [
-        ("ID", {"MAGIC": 0xFFFFFFFF}, r"ID reads 0xffffffff, not 0x434d4158; is the bitstream loaded"),
-        ("ID", {"MAGIC": 0}, r"ID reads 0x00000000"),
-        ("VERSION", {"MAJOR": 9, "MINOR": 8, "PATCH": 7}, r"made by cmfpga 9\.8\.7, this .*install cmfpga 9\.8\.7"),
-        ("VERSION", {"PATCH": 9999}, r"made by cmfpga \d+\.\d+\.9999"),
-        ("CAPS", {"MAP": 77}, r"version 77 of the register map, this driver 3"),
-        ("BUILD", {"HASH": 0xDEADBEEF}, rf"configuration deadbeef, not {CONFIG.hardware_hash[:8]}"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("register, fields, message", [
+    ("ID", {"MAGIC": 0xFFFFFFFF}, r"ID reads 0xffffffff, not 0x434d4158; is the bitstream loaded"),
+    ("ID", {"MAGIC": 0}, r"ID reads 0x00000000"),
+    ("VERSION", {"MAJOR": 9, "MINOR": 8, "PATCH": 7}, r"made by cmfpga 9\.8\.7, this .*install cmfpga 9\.8\.7"),
+    ("VERSION", {"PATCH": 9999}, r"made by cmfpga \d+\.\d+\.9999"),
+    ("CAPS", {"MAP": 77}, r"version 77 of the register map, this driver 3"),
+    ("BUILD", {"HASH": 0xDEADBEEF}, rf"configuration deadbeef, not {CONFIG.hardware_hash[:8]}"),
+])  # fmt: skip
 def test_wrong_hardware_is_refused_by_name(backend, register, fields, message):
     backend.override(register, **fields)
     with pytest.raises(WrongHardware, match=message) as error:

@@ -125,9 +125,8 @@ def test_batches_back_to_back_under_stalls(accelerator, top, seed):
     accelerator.send(encode(Events(*columns, columns[0] % 2), "EVT21"))
     stalled(top, rng, lambda: not top.unsent and not accelerator.status()["computing"])
     found = [*accelerator.results(6), *accelerator.stop()]
-    wanted = [model.run(*window, chosen) for window in windows]
-    for result, expected in zip(found, wanted, strict=True):
-        same(result, expected)
+    for result, window in zip(found, windows, strict=True):
+        same(result, model.run(*window, chosen))
     assert any(Flag.DEGENERATE not in region.flags for result in found for region in result.regions)
     count, regions = accelerator.counters(), [region for result in found for region in result.regions]
     assert count["batches"] == 6 and count["events_taken"] == 540
@@ -155,11 +154,9 @@ BAD = {  # number, other values of the row; how many rows were written before
     "no such start": (1, {"ROW_HOW": {"START": 3}}),
     "its own parent": (1, {"ROW_HOW": {"START": 2, "PARENT": 1}}),
     "a parent behind it": (0, {"ROW_HOW": {"START": 2, "PARENT": 3}}),
-    "a gap in the table": (4, {}),
-    "no such row": (5, {}),
-    "not fresh, and not known": (2, {"fresh": 0}),
+    "a gap in the table": (4, {}), "no such row": (5, {}), "not fresh, and not known": (2, {"fresh": 0}),
     "beyond the schedules": (1, {"ROW_COLD": {"FIRST": CONFIG.schedule_entries}}),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -219,11 +216,8 @@ def test_no_batch_begins_before_its_rows_are_known(accelerator, top, rng):
     # A row that was not in use is not known any more; nor is any behind a reset.
     accelerator.reset()
     for count in (3, 1, 2):
-        model = model_of(CONFIG)
-        accelerator.write_regions(TABLE[:count]), model.write(TABLE[:count])
-        window = clouds(rng, 70)
-        result = accelerator.run(events_of(window), settings=chosen)
-        assert len(result.regions) == count
+        accelerator.write_regions(TABLE[:count])
+        assert len(accelerator.run(events_of(clouds(rng, 70)), settings=chosen).regions) == count
     control.write("ROWS", VALUE=3)
     assert control.read("TABLES")["ROWS_MISSING"]
 

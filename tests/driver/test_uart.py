@@ -1,6 +1,7 @@
 """The driver at the end of a serial line: the emitted Verilog of the serial top, as a board would be."""
 
 import dataclasses
+import itertools
 import os
 import pty
 import sys
@@ -76,13 +77,11 @@ def test_words_are_of_four_bytes(accelerator, line, rng):
 
 def test_a_line_that_damages_what_it_carries(accelerator, line, rng):
     """Every seventh frame to the board has a wrong bit: it comes again, and results are the same."""
-    model, number, write = ModelEngine(CONFIG), 0, line.write
+    model, numbers, write = ModelEngine(CONFIG), itertools.count(1), line.write
 
     def damage(content):
-        nonlocal number
-        number += 1
         content = bytearray(content)
-        if number % 7 == 0:
+        if next(numbers) % 7 == 0:
             content[len(content) // 2] ^= 0x08
         write(content)
 
@@ -97,13 +96,11 @@ def test_a_line_that_damages_what_it_carries(accelerator, line, rng):
 
 def test_replies_that_are_lost_do_nothing_twice(accelerator, line, rng):
     """Every ninth piece that comes is lost: the request comes again, and is answered without being carried out."""
-    number, read = 0, line.read
+    numbers, read = itertools.count(1), line.read
 
     def lose(timeout):
-        nonlocal number
         content = read(timeout)
-        number += bool(content)
-        return b"" if content and number % 9 == 0 and len(content) < 30 else content
+        return b"" if content and next(numbers) % 9 == 0 and len(content) < 30 else content
 
     line.read = lose
     events = batch(rng, 300)
@@ -162,9 +159,6 @@ def test_a_recording_is_tracked(command, compiler, monkeypatch, rng, rows, tmp_p
     assert found[0] == found[1] and len(found[0]) == 3
 
 
-# ---------------------------------------------------------------- what is no board
-
-
 def test_nobody_answers(command):
     """A pseudo-terminal that nobody reads."""
     pytest.importorskip("serial", reason="needs pyserial")
@@ -201,9 +195,8 @@ def test_a_port_has_one_owner():
 
 def test_without_pyserial(monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(
-        ValueError, match=r"^serial port /dev/x: serial is not installed; pip install 'cmfpga\[serial\]'$"
-    ):
+    message = r"^serial port /dev/x: serial is not installed; pip install 'cmfpga\[serial\]'$"
+    with pytest.raises(ValueError, match=message):
         SerialLine("/dev/x")
 
 

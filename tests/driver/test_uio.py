@@ -2,6 +2,7 @@
 
 import mmap
 import os
+import socket
 
 import numpy as np
 import pytest
@@ -25,9 +26,6 @@ def linux(tree, top, monkeypatch):
     return Linux(tree, top, monkeypatch)
 
 
-# ---------------------------------------------------------------- on the simulated board
-
-
 def test_batches_equal_the_model(linux, rng):
     before = descriptors()
     with Accelerator(linux.backend(), CONFIG) as accelerator:
@@ -39,8 +37,7 @@ def test_batches_equal_the_model(linux, rng):
 
 def test_the_caches_are_told(linux, tree, rng, monkeypatch):
     """In the right order: cleaned behind the write and before the DMA reads; invalidated before software reads."""
-    told = []
-    usual = UdmaBuffer._sync
+    told, usual = [], UdmaBuffer._sync
 
     def sync(self, what, size, direction):
         usual(self, what, size, direction)
@@ -52,10 +49,8 @@ def test_the_caches_are_told(linux, tree, rng, monkeypatch):
         accelerator.run(batch(rng, 100), roi=(8, 4))
     assert told == [("cmfpga-events", "sync_for_device", 800, 1), ("cmfpga-results", "sync_for_cpu", 152, 2)]
     folder = tree / "sys/class/u-dma-buf/cmfpga-results"
-    read = {
-        name: (folder / name).read_text() for name in ("sync_offset", "sync_size", "sync_direction", "sync_for_cpu")
-    }
-    assert read == {"sync_offset": "0", "sync_size": "152", "sync_direction": "2", "sync_for_cpu": "1"}
+    wrote = {"sync_offset": "0", "sync_size": "152", "sync_direction": "2", "sync_for_cpu": "1"}
+    assert {name: (folder / name).read_text() for name in wrote} == wrote
 
 
 def test_stream_larger_than_a_buffer(linux, rng):
@@ -120,9 +115,6 @@ def test_dma_that_was_reset_by_somebody(linux, rng, monkeypatch):
         monkeypatch.undo()
 
 
-# ---------------------------------------------------------------- on files alone
-
-
 def test_registers_are_words_of_a_mapping(tree):
     device = UioDevice("cmfpga", root=tree)
     assert device.size == 0x10000 and isinstance(device._words, Mapping)
@@ -143,8 +135,6 @@ def test_registers_are_words_of_a_mapping(tree):
 
 def test_interrupt_of_a_device(tree, monkeypatch):
     """Unmasked by writing 1, in the processor's order of bytes; the count is read away."""
-    import socket
-
     mine, kernel = socket.socketpair()
     file = os.dup(mine.fileno())
     monkeypatch.setattr(uio, "_open", lambda path, question: file)

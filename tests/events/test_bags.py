@@ -35,18 +35,16 @@ def write(request, tmp_path):
 
     def message(kind, frame, events, encoding, words):
         stamp, odd = time(sec=START, nanosec=0), {"seq": 3} if ros == 1 else {}
-        head = {
-            "header": types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame, **odd), "height": 180, "width": 240,
-        }  # fmt: skip
+        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame, **odd)
+        head = {"header": header, "height": 180, "width": 240}
         if kind == PACKET:
             content = np.frombuffer(words(events), np.uint8)
             return types[PACKET](**head, seq=1, time_base=0, encoding=encoding, is_bigendian=False, events=content)
-        columns = zip(*(getattr(events, name).tolist() for name in "txyp"), strict=True)
-        return types[ARRAY](**head, events=[
-            types["dvs_msgs/msg/Event"](
-                x=x, y=y, ts=time(sec=START + t // 10**6, nanosec=t % 10**6 * 1000), polarity=bool(p)
-            ) for t, x, y, p in columns
-        ])  # fmt: skip
+        each = []
+        for t, x, y, p in zip(*(getattr(events, name).tolist() for name in "txyp"), strict=True):
+            ts = time(sec=START + t // 10**6, nanosec=t % 10**6 * 1000)
+            each.append(types["dvs_msgs/msg/Event"](x=x, y=y, ts=ts, polarity=bool(p)))
+        return types[ARRAY](**head, events=each)
 
     def write(*topics):
         path = tmp_path / request.param

@@ -92,12 +92,13 @@ def test_by_duration(rng, chunk, duration, max_events):
     check_nothing_lost(events, found, cutter)
 
 
-def test_duration_cases_occur(rng):
-    """The test above meets empty windows, cut windows, and windows that hold just max_events."""
+def test_cases_occur(rng):
+    """Empty windows, cut ones, and ones that hold just max_events; by ROI batches that are cut, and others."""
     events = make_events(rng)
     assert any(count == 0 for count, _, _ in by_duration(events, 10, 3)[0])
     assert any(short for _, short, _ in by_duration(events, 500, 60)[0])
     assert any(count == 3 and not short for count, short, _ in by_duration(events, 10, 3)[0])
+    assert {short for _, short in by_roi(make_events(rng, 5000), moving, 20, 280)[0]} == {False, True}
 
 
 def test_windows(chunk):
@@ -122,7 +123,11 @@ def test_window_as_large_as_max_events(chunk, max_events, expected):
 
 
 @pytest.mark.parametrize("wanted, max_events", [(1, 10**6), (20, 10**6), (20, 280), (20, 100), (5, 5), (200, 10**6)])
-@pytest.mark.parametrize("rois", [lambda k: ROI, moving], ids=["fixed", "moving"])
+@pytest.mark.parametrize("rois", [
+    lambda k: ROI, moving,
+    # Across the border of the sensor, and outside of it.
+    lambda k: (-10, -10, 20, 20), lambda k: (235, 175, 64, 64), lambda k: (300, 300, 5, 5),
+], ids=["fixed", "moving", "top left", "bottom right", "outside"])  # fmt: skip
 def test_by_roi_events(rng, chunk, wanted, max_events, rois):
     events = make_events(rng, 5000)
     expected, leftover = by_roi(events, rois, wanted, max_events)
@@ -130,21 +135,6 @@ def test_by_roi_events(rng, chunk, wanted, max_events, rois):
     assert [(len(batch), batch.cut_short) for batch in found] == expected
     assert cutter.leftover == leftover
     check_nothing_lost(events, found, cutter)
-
-
-def test_roi_cases_occur(rng):
-    events = make_events(rng, 5000)
-    found, _ = by_roi(events, moving, 20, 280)
-    assert {short for _, short in found} == {False, True}
-
-
-@pytest.mark.parametrize("roi", [(-10, -10, 20, 20), (235, 175, 64, 64), (300, 300, 5, 5)])
-def test_roi_across_the_border_of_the_sensor(rng, roi):
-    events = make_events(rng, 20_000)
-    expected, leftover = by_roi(events, lambda k: roi, 5, 10**6)
-    found, cutter = cut(events, lambda k: roi, roi_events=5)
-    assert [len(batch) for batch in found] == [length for length, _ in expected]
-    assert cutter.leftover == leftover
 
 
 def test_errors_of_the_recording_come_through(chunk):
@@ -159,10 +149,8 @@ def test_errors_of_the_recording_come_through(chunk):
 @pytest.mark.parametrize("options, message", [
     ({}, "no size given for batches: one of events, duration_us, roi_events"),
     (dict(events=5, duration_us=5), "events and duration_us given"),
-    (dict(events=0), "events = 0: an integer of 1 or more"),
-    (dict(duration_us=-3), "duration_us = -3"),
-    (dict(roi_events=2.5), "roi_events = 2.5"),
-    (dict(events=True), "events = True"),
+    (dict(events=0), "events = 0: an integer of 1 or more"), (dict(duration_us=-3), "duration_us = -3"),
+    (dict(roi_events=2.5), "roi_events = 2.5"), (dict(events=True), "events = True"),
     (dict(events=5, max_events=0), "max_events = 0"),
     (dict(events=101, max_events=100), "events = 101: at most 100"),
     (dict(roi_events=101, max_events=100), "roi_events = 101: at most 100"),
@@ -186,9 +174,7 @@ def test_real_recording(data_dir, options):
     with open_recording(data_dir / "davis240c_shapes_rotation_0.0s.h5") as recording:
         events = read_all(recording)
         cutter = BatchCutter(recording, max_events=60_000, **options)
-        found = []
-        while (batch := cutter.next((88, 58, 64, 64))) is not None:
-            found.append(batch)
+        found = list(iter(lambda: cutter.next((88, 58, 64, 64)), None))
         check_nothing_lost(events, found, cutter)
         assert len(found) >= 10
 

@@ -42,15 +42,11 @@ def by_hand(header, encode):
 
 
 WRITERS = {
-    "aedat4": by_faery("aedat"),
-    "aedat4 zstd": by_faery("aedat", compression=("zstd", 3)),
-    "es": by_faery("es"),
-    "dat1": by_faery("dat", version="dat1"),
-    "dat2": by_faery("dat", version="dat2"),
-    "evt2": by_faery("evt", version="evt2"),
-    "evt3": by_faery("evt", version="evt3"),
+    "aedat4": by_faery("aedat"), "aedat4 zstd": by_faery("aedat", compression=("zstd", 3)), "es": by_faery("es"),
+    **{f"dat{k}": by_faery("dat", version=f"dat{k}") for k in (1, 2)},
+    **{f"evt{k}": by_faery("evt", version=f"evt{k}") for k in (2, 3)},
     "dat by hand": by_hand(b"% Data file containing CD events.\n% Version 2\n% Height 180\n% Width 240\n", dat),
-}
+}  # fmt: skip
 
 
 @pytest.fixture(params=WRITERS)
@@ -93,9 +89,6 @@ def test_chunks_of_any_start_and_size(write, rng, start, size):
 def test_a_dat_without_a_size(tmp_path):
     by_hand(b"% Data file containing CD events.\n% Version 2\n", dat)(tmp_path / "a", EVENTS)
     assert assert_reads(tmp_path / "a", EVENTS).width is None
-
-
-# -------------------------------------------------------------------- damage
 
 
 def test_truncated_within_a_word(tmp_path, rng):
@@ -175,9 +168,6 @@ def test_changed_bytes(rng, tmp_path):
     lines = done.stdout.splitlines()
     assert len(lines) == len(paths)
     assert all(lines[k : k + 60].count("refused") > 5 for k in range(0, len(lines), 60))
-
-
-# -------------------------------------------------------------------- without faery
 
 
 def test_without_faery(write, tmp_path, monkeypatch, request):

@@ -16,25 +16,21 @@ ROS, DSEC, SMALL = {"t": 1_700_000_000 * 10**6}, {"t": 49_585_231_313}, {"x": -6
 
 # The events are the first ``count`` of one scene, but for those that a folder of its own has.
 @pytest.mark.parametrize("path, count, options, size, shift", [
-    ("01_evt21/genx320.raw", 6000, {}, (320, 320), {}),
-    ("01_evt21/legacy.raw", 6000, {}, (320, 320), {}),
+    *((f"01_evt21/{name}.raw", 6000, {}, (320, 320), {}) for name in ("genx320", "legacy")),
     *((f"04_rosbag/{name}", 3000, {"dataset": "/event_camera/events"}, (640, 480), {}) for name in BAGS),
     *((f"04_rosbag/{name}", 3000, {"dataset": "/dvs/events"}, (640, 480), ROS) for name in BAGS),
     ("02_hdf5_filters/dsec_like.h5", 2000, {}, (640, 480), DSEC),
-    ("02_hdf5_filters/zstd_like.h5", 2000, {}, (None, None), {}),
-    ("05_metavision_csv/events.csv", 3000, {}, (None, None), {}),
-    ("05_metavision_csv/edvs.txt", 3000, {}, (None, None), {}),
     ("06_v2e_aedat2/v2e.aedat", 3000, {"sensor": (346, 260)}, (346, 260), {}),
     ("08_nmnist_bin/digit.bin", 2000, {}, (None, None), SMALL),
     ("09_aedat31/gesture.aedat", 2000, {}, (128, 128), SMALL),
     ("10_dvs128_aedat2/dvs128.aedat", 2000, {}, (128, 128), SMALL),
-    ("12_polarity_codes/p12.npz", 1500, {}, (None, None), {}),
-    ("12_polarity_codes/p255.npz", 1500, {}, (None, None), {}),
-    ("17_evimo2_npy", 2000, {}, (None, None), {}),
-    ("17_evimo2_npy/dataset_events_t.npy", 2000, {}, (None, None), {}),
     ("18_raw_without_header/dump.raw", 2000, {"form": "evt2", "sensor": (320, 320)}, (320, 320), {}),
-    ("19_fractions/ms.csv", 6000, {}, (None, None), {}),
-    ("19_fractions/us.csv", 6000, {}, (None, None), {}),
+    *((path, count, {}, (None, None), {}) for path, count in (
+        ("02_hdf5_filters/zstd_like.h5", 2000), ("05_metavision_csv/events.csv", 3000),
+        ("05_metavision_csv/edvs.txt", 3000), ("12_polarity_codes/p12.npz", 1500), ("12_polarity_codes/p255.npz", 1500),
+        ("17_evimo2_npy", 2000), ("17_evimo2_npy/dataset_events_t.npy", 2000), ("19_fractions/ms.csv", 6000),
+        ("19_fractions/us.csv", 6000),
+    )),
 ])  # fmt: skip
 def test_right_events(path, count, options, size, shift):
     folder = CASES / path.split("/")[0]

@@ -79,14 +79,12 @@ WHOLE = {
     "a.npz": (_encrypted, r"\(encrypted\): .*; a copy without a password is needed"),
     "a.zip": (_encrypted, r"\(encrypted\): .*; a copy without a password is needed"),
     "b.npz": (lambda path: _encrypted(path, 0, 93), r"\(compressed by an unknown method\): .*savez_compressed"),
-    "a.npy": (
-        lambda path: np.save(path, np.array([{}])),
-        r"\(of an unsupported type\): .*; numbers t, x, y, p are needed",
-    ),
+    "a.npy": (lambda path: np.save(path, np.array([{}])),
+              r"\(of an unsupported type\): .*; numbers t, x, y, p are needed"),
     "a.h5": (lambda path: _of_type(path, h5py.h5t.UNIX_D64LE), r"\(of an unsupported type\): .*; numbers t, x, y, p"),
     "b.h5": (_of_type, r"\(incomplete\): .*; it refers to another file, which is needed beside it"),
     "c.h5": (_of_version, r"\(of an unknown version\): .*; a newer release"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WHOLE)

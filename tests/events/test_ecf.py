@@ -13,18 +13,17 @@ from cmfpga.events import ecf, open_recording
 #: Prophesee's software, was tried.
 CHUNKS = {
     "scattered": (
-        "VgLXDKub&j000004-"
-        "^3K_wn)Z0}%=U000zdv=ko_5h*h$#w9%@a1BS;2_jojf*xexHU@8$0vdvNNEeKz@++25C=;uo1Q4`hxFo+8Aq>;WzzE$abRFl?83h"
+        "VgLXDKub&j000004-^3K_wn)Z0}%=U000zdv=ko_5h*h$#w9%@a1BS;2_jojf*xexHU@8$0vdvNNEeKz@++25C=;uo1Q4`hxFo+8Aq>;WzzE"
+        "$abRFl?83h"
     ),
     "rows": (
-        "p#T5?Kub&j000004-"
-        "^3K_wn)Z0}<l?0r2<n@$mx@;{O5g_wn)Z0}<jM03rZ}3<>}gKp%pGVm$*#NE;<&Wp4z6hm0teU<*pLioYh44BbuVf(vg14-"
-        "Q#^F)VU76$_MAG+%L(R(zL-Hv"
+        "p#T5?Kub&j000004-^3K_wn)Z0}<l?0r2<n@$mx@;{O5g_wn)Z0}<jM03rZ}3<>}gKp%pGVm$*#NE;<&Wp4z6hm0teU<*pLioYh44BbuVf(v"
+        "g14-Q#^F)VU76$_MAG+%L(R(zL-Hv"
     ),
     "close": (
-        "SONe5Kub&j000004-^3K_wn)Z0}<l?0r2<n@$mx@;{O5g_wn)Z0}<~R0RI8-"
-        "_wn)Z0}<l?0r2<n@$mx@;{O5g_wn)Z10NLt5#s*=@b~fY@dFX!{{is#@$vBk5#s*=@b~fY@eddP5#s*=@b~fY@dFVb03raN3?cv@86p6mB_a"
-        "S0G8O>V0G0t(0u}?-1C|6<1rrAL2DS%w2sR1!3APG$3pNZE4b}~o4pt8q5Y`Zu5mpit6ZR9f6m}Ih7WNjl7j_sn85SDW8kQSS9Dj@eiU"
+        "SONe5Kub&j000004-^3K_wn)Z0}<l?0r2<n@$mx@;{O5g_wn)Z0}<~R0RI8-_wn)Z0}<l?0r2<n@$mx@;{O5g_wn)Z10NLt5#s*=@b~fY@dF"
+        "X!{{is#@$vBk5#s*=@b~fY@eddP5#s*=@b~fY@dFVb03raN3?cv@86p6mB_aS0G8O>V0G0t(0u}?-1C|6<1rrAL2DS%w2sR1!3APG$3pNZE4"
+        "b}~o4pt8q5Y`Zu5mpit6ZR9f6m}Ih7WNjl7j_sn85SDW8kQSS9Dj@eiU"
     ),
 }
 COUNTS = {"scattered": 24, "rows": 40, "close": 150}

@@ -3,6 +3,7 @@
 Random words of all types are held against the model of the hardware's decoder, and EVT 3.0 against ``faery``.
 """
 
+import functools
 import io
 import re
 
@@ -20,13 +21,11 @@ from support.recordings import assert_cut_off, assert_reads, assert_same, evt2, 
 VERSIONS = {
     "evt2": ("% evt 2.0\n% geometry 320x240\n", evt2),
     "evt21": ("% evt 2.1\n% format EVT21;height=240;width=320\n% end\n", evt21),
-    "evt21-legacy": (
-        "% evt 2.1\n% format EVT21;endianness=legacy;height=240;width=320\n% end\n",
-        lambda events: evt21(events, legacy=True),
-    ),
+    "evt21-legacy": ("% evt 2.1\n% format EVT21;endianness=legacy;height=240;width=320\n% end\n",
+                     functools.partial(evt21, legacy=True)),
     "evt3": ("% camera x\n% format EVT3;height=240;width=320\n% end\n", evt3),
-    "evt3 vectors": ("% evt 3.0\n% geometry 320x240\n% end\n", lambda events: evt3(events, vectors=True)),
-}
+    "evt3 vectors": ("% evt 3.0\n% geometry 320x240\n% end\n", functools.partial(evt3, vectors=True)),
+}  # fmt: skip
 
 
 def decoded(version, data, sizes, early=0):
@@ -176,9 +175,8 @@ EARLY = {
         [(65, 8, 2, 1), (66, 10, 3, 0)],
     ),
     # The row of the first word holds on.
-    "evt3": (np.array([0x0005, 0x6010, 0x2007, 0x8002, 0x2008, 0x6003, 0x2809], "<u2"), [
-        (2 << 12, 8, 5, 0), (2 << 12 | 3, 9, 5, 1),
-    ]),
+    "evt3": (np.array([0x0005, 0x6010, 0x2007, 0x8002, 0x2008, 0x6003, 0x2809], "<u2"),
+             [(2 << 12, 8, 5, 0), (2 << 12 | 3, 9, 5, 1)]),
 }  # fmt: skip
 
 
@@ -190,9 +188,8 @@ def test_events_ahead_of_the_first_word_of_time(tmp_path, form):
     (tmp_path / "a.raw").write_bytes(words.tobytes())
     recording = assert_reads(tmp_path / "a.raw", expected, form=form)
     early = 2 if form == "evt21" else 1
-    assert recording.notes() == [
-        f"{tmp_path / 'a.raw'}: {early} events ahead of the first time word have no time: they are left out"
-    ]
+    told = f"{early} events ahead of the first time word have no time: they are left out"
+    assert recording.notes() == [f"{tmp_path / 'a.raw'}: {told}"]
     assert_same(decoded(FORMS[form], words.tobytes(), [3] * words.nbytes, early), Events(**expected))
 
 
@@ -213,11 +210,9 @@ def test_what_is_not_read(tmp_path, rng, header, options, message):
     ("% plugin_name hal_plugin_gen3_fx3\n% evt 2.0\n", (640, 480)),
     ("% evt 2.0\n% plugin_name hal_plugin_gen41_evk3\n", (1280, 720)),
     ("% evt 2.0\n% sensor_name IMX636\n% plugin_name hal_plugin_prophesee\n", (1280, 720)),
-    ("% evt 2.0\n% sensor_generation 320.0\n", (320, 320)),
-    ("% evt 2.0\n% sensor_name GenX320\n", (320, 320)),
-    ("% evt 2.0\n% generation 3.1\n", (640, 480)),
+    ("% evt 2.0\n% sensor_generation 320.0\n", (320, 320)), ("% evt 2.0\n% sensor_name GenX320\n", (320, 320)),
+    ("% evt 2.0\n% generation 3.1\n", (640, 480)), ("% evt 2.0\n% plugin_name mine\n", (None, None)),
     ("% evt 2.0\n% plugin_name hal_plugin_imx636\n% geometry 330x240\n", (330, 240)),
-    ("% evt 2.0\n% plugin_name mine\n", (None, None)),
     ("% format EVT2;width=325;height=280\n", (325, 280)),
 ])  # fmt: skip
 def test_sensor(tmp_path, rng, header, sensor):

@@ -4,6 +4,7 @@ import gc
 import os
 import re
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -163,10 +164,7 @@ def test_unreadable(write, monkeypatch):
     if hasattr(os, "geteuid") and os.geteuid():
         path.chmod(0)
     else:  # the superuser may read everything
-
-        def refuse(self, *_):
-            raise PermissionError(13, "Permission denied", str(self))
-
+        refuse = Mock(side_effect=PermissionError(13, "Permission denied", str(path)))
         monkeypatch.setattr(type(path), "open", refuse)
     assert "cannot be read: Permission denied" in refusal(path)
 
@@ -182,9 +180,6 @@ def test_options_not_allowed(write):
         assert "sensor" in refusal(path, sensor=sensor)
     assert "'min' is not known; one of s, ms, us, ns" in refusal(path, time_unit="min")
     assert "1 or more" in refusal(path, "read", size=0)
-
-
-# -------------------------------------------------------------------- registry, memory
 
 
 def test_registry(tmp_path, monkeypatch):

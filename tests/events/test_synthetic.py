@@ -43,8 +43,7 @@ def test_events_are_those_of_a_camera(fields, seed):
 @pytest.mark.parametrize("fields", SCENES)
 def test_seed(fields):
     a, b, c = (generate(seed=seed, noise=0.1, hot_pixels=2, **fields).events for seed in (5, 5, 6))
-    for name in "txyp":
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert_same(a, b)
     assert len(a) != len(c) or (a.x != c.x).any()
 
 
@@ -136,9 +135,6 @@ def test_short_and_zero_pieces():
     assert longer.events.t[-1] < 300_000
 
 
-# -------------------------------------------------------------------- truth
-
-
 def test_motion():
     motion = Motion([1000, 501_000, 601_000], [(100, 0), (0, -50), (10, 10)], (20, 30))
     t = np.array([1000, 251_000, 501_000, 601_000, 701_000, 0])
@@ -150,11 +146,8 @@ def test_motion():
 
 
 @pytest.mark.parametrize("position, roi, expected", [
-    (None, (64, 64), (88, 58)),
-    ((100, 90), (63, 63), (69, 59)),
-    ((0, 0), (64, 64), (0, 0)),
-    ((239, 179), (64, 32), (176, 148)),
-    ((50, 50), (240, 180), (0, 0)),
+    (None, (64, 64), (88, 58)), ((100, 90), (63, 63), (69, 59)), ((0, 0), (64, 64), (0, 0)),
+    ((239, 179), (64, 32), (176, 148)), ((50, 50), (240, 180), (0, 0)),
 ])  # fmt: skip
 def test_roi_start(position, roi, expected):
     assert generate(position=position, duration_us=1000).roi_start(*roi) == expected
@@ -177,20 +170,15 @@ def test_recording_and_file(tmp_path):
 
 @pytest.mark.parametrize("fields, message", [
     (dict(texture="wood"), "texture = 'wood': one of lines, dense"),
-    (dict(noise=1.0), "noise = 1.0: 0 to 0.95"),
-    (dict(noise=float("nan")), "noise = nan"),
-    (dict(duration_us=0), "duration_us = 0: 1 or more"),
-    (dict(duration_us=0.5), "duration_us = 0.5: an integer"),
-    (dict(size=(0, 10)), "size = 0: 1 to"),
-    (dict(size=10), "size = 10: 2 numbers"),
-    (dict(position=(1, 2, 3)), "position = "),
-    (dict(velocity=(1.0, float("inf"))), "velocity = inf: a finite number"),
-    (dict(velocity=[]), "velocity: no pieces"),
-    (dict(velocity=[(1000, 3.0)]), "velocity = .*: 3 numbers"),
+    (dict(noise=1.0), "noise = 1.0: 0 to 0.95"), (dict(noise=float("nan")), "noise = nan"),
+    (dict(duration_us=0), "duration_us = 0: 1 or more"), (dict(duration_us=0.5), "duration_us = 0.5: an integer"),
+    (dict(size=(0, 10)), "size = 0: 1 to"), (dict(size=10), "size = 10: 2 numbers"),
+    (dict(position=(1, 2, 3)), "position = "), (dict(velocity=(1.0, float("inf"))), "velocity = inf: a finite number"),
+    (dict(velocity=[]), "velocity: no pieces"), (dict(velocity=[(1000, 3.0)]), "velocity = .*: 3 numbers"),
     (dict(velocity=[(0, 3.0, 4.0)]), "velocity: duration = 0"),
     (dict(hot_pixels=240 * 180 + 1), "hot_pixels = 43201: 0 to 43200"),
-    (dict(velocity=(1e9, 0.0)), "the scene has .* events or more"),
-    (dict(hot_pixels=1, hot_rate=1e12), "the scene has .* events or more"),
+    *((wrong, "the scene has .* events or more") for wrong in
+      (dict(velocity=(1e9, 0.0)), dict(hot_pixels=1, hot_rate=1e12))),
 ])  # fmt: skip
 def test_fields_not_allowed(fields, message):
     with pytest.raises(ConfigError, match=message):

@@ -31,12 +31,9 @@ def txt(tmp_path):
 def test_columns_in_the_order_that_is_told(txt, head):
     """Names that are not known, and those that say otherwise, are passed over."""
     path = txt(head + "3 4 9 1000 1\n5 6 9 2000 0\n")
-    with open_recording(path, columns="x, y, id, T, p", time_unit="us") as recording:
-        (found,) = recording.chunks()
-    assert [getattr(found, name).tolist() for name in "txyp"] == [[1000, 2000], [3, 5], [4, 6], [1, 0]]
-    path = txt("t x y p\n1 2 3 0\n")
-    with open_recording(path, columns="p,x,y,t") as recording:
-        assert next(recording.chunks()).t.tolist() == [0]
+    found = {"t": [1000, 2000], "x": [3, 5], "y": [4, 6], "p": [1, 0]}
+    assert_reads(path, found, columns="x, y, id, T, p", time_unit="us")
+    assert_reads(txt("t x y p\n1 2 3 0\n"), {"t": [0]}, columns="p,x,y,t")
     assert "line 2: t is 'x'" in refusal(txt("1 2 3 0\n1 2 3 x\n"), columns="p,x,y,t")
 
 
@@ -48,12 +45,10 @@ def test_order_of_columns_without_names(txt, rng):
         path = txt("".join(f"{separator.join(map(str, row))}\n" for row in rows), name)
         assert_reads(path, events)
         with open_recording(path) as recording:
-            assert recording.notes() == [
-                f"{path}: columns taken as x,y,p,t, as their values are; --columns gives another order"
-            ]
-    assert refusal(txt("when,x,y,p\n1,2,3,1\n")).endswith(
-        "a number is needed; --columns (columns=) says which is which"
-    )
+            taken = "columns taken as x,y,p,t, as their values are; --columns gives another order"
+            assert recording.notes() == [f"{path}: {taken}"]
+    message = refusal(txt("when,x,y,p\n1,2,3,1\n"))
+    assert message.endswith("a number is needed; --columns (columns=) says which is which")
     message = refusal(txt("20 1 2 1\n10 1 2 0\n"), "read")
     assert "(columns t, x, y, p; --columns (columns=) gives another order): time stamp of event 1" in message
 
@@ -75,34 +70,23 @@ def test_what_cannot_be_told(txt, tmp_path):
 # -------------------------------------------------------------------- times
 
 
-@pytest.mark.parametrize("unit, text_time, us", [
-    ("s", "0.000000000", 0),
-    ("s", "0.000000499", 0),
-    ("s", "0.0000005", 1),
-    ("s", "0.00000049999999999999999999999999999999", 0),
-    ("s", "0.000001", 1),
-    ("s", "0.003820001", 3820),
-    ("s", "0.1234565", 123457),
-    ("s", "1468939993.067416019", 1468939993067416),
-    ("s", "1468939993.0674165", 1468939993067417),
-    ("s", "999999999999.999999", 999999999999999999),
-    ("s", "-0.0000005", 0),
-    ("s", "-0.00000051", -1),
-    ("s", "-1.5", -1500000),
-    ("s", "4611686018427.387903", 2**62 - 1),
-    ("s", "-4611686018427.387903", 1 - 2**62),
-    ("s", "1e-3", 1000),
-    ("s", "+2.5E0", 2500000),
-    ("s", ".25", 250000),
-    ("s", "3.", 3000000),
-    ("ms", "12.3456", 12346),
-    ("us", "12.5", 13),
-    ("ns", "1499", 1),
-    ("ns", "1468939993067416501", 1468939993067417),
-    ("ns", "1500.0", 2),
-])  # fmt: skip
-def test_times_are_exact(txt, unit, text_time, us):
-    assert_reads(txt(f"{text_time} 1 2 1\n"), {"t": [us]}, time_unit=unit)
+TIMES = {
+    "s": {
+        "0.000000000": 0, "0.000000499": 0, "0.0000005": 1, "0.00000049999999999999999999999999999999": 0,
+        "0.000001": 1, "0.003820001": 3820, "0.1234565": 123457, "1468939993.067416019": 1468939993067416,
+        "1468939993.0674165": 1468939993067417, "999999999999.999999": 999999999999999999, "-0.0000005": 0,
+        "-0.00000051": -1, "-1.5": -1500000, "4611686018427.387903": 2**62 - 1, "-4611686018427.387903": 1 - 2**62,
+        "1e-3": 1000, "+2.5E0": 2500000, ".25": 250000, "3.": 3000000,
+    },
+    "ms": {"12.3456": 12346},
+    "us": {"12.5": 13},
+    "ns": {"1499": 1, "1468939993067416501": 1468939993067417, "1500.0": 2},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("unit, text_time", [(unit, text_time) for unit in TIMES for text_time in TIMES[unit]])
+def test_times_are_exact(txt, unit, text_time):
+    assert_reads(txt(f"{text_time} 1 2 1\n"), {"t": [TIMES[unit][text_time]]}, time_unit=unit)
 
 
 # What the fast reader takes, and some that it leaves to the other.
@@ -177,30 +161,20 @@ def test_blocks_do_not_matter(txt, rng, monkeypatch, size):
     assert ", line 703: 2 fields" in refusal(txt(path.read_bytes() + b"9 9\n" + lines.encode()), "either")
 
 
-ODD_LINES = [
-    ("0.5 1 2", "3 fields in '0.5 1 2'; 4 are needed"),
-    ("0.5", "1 field in '0.5'; 4 are needed"),
-    ("0.5 1 2 1 7", "5 fields"),
-    ("0.5 1 two 1", "y is 'two'; a number is needed"),
-    ("0.5 1 2 -", "p is '-'; a number is needed"),
-    ("0.5 0x1 2 1", "x is '0x1'"),
-    ("0.5 1_0 2 1", "x is '1_0'"),
-    ("0.5 1.5 2 1", "x is 1.5; a whole number is needed"),
-    ("nan 1 2 1", "t is nan; a finite number is needed"),
-    ("-Inf 1 2 1", "t is -Inf; a finite number is needed"),
-    ("0.5 1 12345678901234567890 1", "y is 12345678901234567890; a number that fits in 64 bits"),
-    ("0.5 nan 2 1", "x is nan; a finite number is needed"),
-    ("1e30 1 2 1", "fewer than 21 digits"),
-    ("99999999999999 1 2 1", "less than 2^62 µs"),
-    ("0..5 1 2 1", "t is '0..5'"),
-    ("240 180", "2 fields"),
-    ("\xff\xfe 1 2 1", "t is "),
-    ("x" * 5000, "4"),
-    ("1" * 3_000_000, "more than 4096 bytes; 't x y p' is needed"),
-]
+ODD_LINES = {
+    "0.5 1 2": "3 fields in '0.5 1 2'; 4 are needed", "0.5": "1 field in '0.5'; 4 are needed",
+    "0.5 1 2 1 7": "5 fields", "240 180": "2 fields", "x" * 5000: "4",
+    "0.5 1 two 1": "y is 'two'; a number is needed", "0.5 1 2 -": "p is '-'; a number is needed",
+    "0.5 0x1 2 1": "x is '0x1'", "0.5 1_0 2 1": "x is '1_0'", "0..5 1 2 1": "t is '0..5'", "\xff\xfe 1 2 1": "t is ",
+    "0.5 1.5 2 1": "x is 1.5; a whole number is needed", "0.5 nan 2 1": "x is nan; a finite number is needed",
+    "nan 1 2 1": "t is nan; a finite number is needed", "-Inf 1 2 1": "t is -Inf; a finite number is needed",
+    "0.5 1 12345678901234567890 1": "y is 12345678901234567890; a number that fits in 64 bits",
+    "1e30 1 2 1": "fewer than 21 digits", "99999999999999 1 2 1": "less than 2^62 µs",
+    "1" * 3_000_000: "more than 4096 bytes; 't x y p' is needed",
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("line, message", ODD_LINES, ids=[row[0][:20] for row in ODD_LINES])
+@pytest.mark.parametrize("line, message", ODD_LINES.items(), ids=[line[:20] for line in ODD_LINES])
 @pytest.mark.parametrize("before, after", [(1, 1), (5000, 1), (1, 0)])
 def test_odd_line_is_named(txt, line, message, before, after):
     """Also if it is the last, as of a file that was cut."""
@@ -217,9 +191,6 @@ def test_no_events(txt, content):
 def test_line_error_says_nothing_of_places():
     with pytest.raises(LineError, match=r"^3 fields"):
         parse_line(b"1 2 3", 6)
-
-
-# -------------------------------------------------------------------- archives
 
 
 def archive(path, **members):
@@ -239,9 +210,6 @@ def test_archive_with_one_text(tmp_path):
 @pytest.mark.parametrize("members", [dict(a_txt="1 1 1 1", b_txt="1 1 1 1"), dict(a_png="x"), {}])
 def test_archive_without_clear_member(tmp_path, members):
     assert "without one .txt or .csv" in refusal(archive(tmp_path / "a.zip", **members))
-
-
-# -------------------------------------------------------------------- speed
 
 
 def test_speed(txt, rng):
@@ -284,21 +252,18 @@ def test_a_byte_order_mark_is_no_part_of_the_first_line(txt, tmp_path, content):
 
 def test_what_names_say_of_unit_and_sensor(txt):
     path = txt("t_ns,x@240,y@180,on\n1000000,239,2,1\n", "a.csv")
-    with open_recording(path) as recording:
-        assert (recording.time_unit, recording.time_unit_source) == ("ns", "file")
-        assert (recording.width, recording.height) == (240, 180)
-    with open_recording(path, time_unit="us", sensor=(300, 200)) as recording:
-        assert (recording.time_unit, recording.time_unit_source) == ("us", "given")
-        assert recording.width == 300
+    for told, found in (({}, ("ns", "file", 240, 180)),
+                        ({"time_unit": "us", "sensor": (300, 200)}, ("us", "given", 300, 200))):  # fmt: skip
+        with open_recording(path, **told) as one:
+            assert (one.time_unit, one.time_unit_source, one.width, one.height) == found
 
 
-@pytest.mark.parametrize(
-    "head", ["%geometry:640,480\n", "%geometry:640x480\n%x,y,p,t\n", "%geometry:640,480\nx,y,p,timestamp_us\n"]
-)
+@pytest.mark.parametrize("head", ["640,480\n", "640x480\n%x,y,p,t\n", "640,480\nx,y,p,timestamp_us\n"])
 def test_the_head_of_metavision(txt, rng, head):
     events = make_events(rng, 20)
     rows = zip(events.x, events.y, events.p, events.t, strict=True)
-    recording = assert_reads(txt(head + "".join(f"{x},{y},{p},{t}\n" for x, y, p, t in rows)), events)
+    content = f"%geometry:{head}" + "".join(f"{x},{y},{p},{t}\n" for x, y, p, t in rows)
+    recording = assert_reads(txt(content), events)
     assert (recording.width, recording.height) == (640, 480)
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import os
 from pathlib import Path
+from unittest.mock import Mock
 
 import h5py
 import numpy as np
@@ -209,13 +210,9 @@ def test_only_good_outcomes_are_kept(tmp_path):
 
 def test_a_write_that_fails_changes_nothing(tmp_path, monkeypatch):
     task.write_atomically(tmp_path / "x", b"before")
-
-    def fail(*_):
-        raise OSError(28, "No space left on device")
-
     for call in ("fsync", "replace"):
         with monkeypatch.context() as patch:
-            patch.setattr(task.os, call, fail)
+            patch.setattr(task.os, call, Mock(side_effect=OSError(28, "No space left on device")))
             with pytest.raises(OSError, match="No space"):
                 task.write_atomically(tmp_path / "x", b"after")
         assert [path.name for path in tmp_path.iterdir()] == ["x"] and (tmp_path / "x").read_bytes() == b"before"

@@ -19,6 +19,7 @@ from filelock import FileLock
 
 from cmfpga.cli import sweep
 from cmfpga.events import generate, write_hdf5
+from cmfpga.fpga import resources
 from cmfpga.sweep import plan, task
 from cmfpga.verilog.compiler import find_compiler
 from support.sweeping import FILES, OPTIONS, finish, make_recording, run_here, small, started
@@ -33,9 +34,8 @@ def assert_equal_results(folder, other):
         if name.endswith(".csv"):
             assert (folder / name).read_bytes() == (other / name).read_bytes(), name
         else:
-            pandas.testing.assert_frame_equal(
-                pandas.read_parquet(folder / name), pandas.read_parquet(other / name), check_exact=True
-            )
+            found, wanted = (pandas.read_parquet(where / name) for where in (folder, other))
+            pandas.testing.assert_frame_equal(found, wanted, check_exact=True)
     assert len(pandas.read_csv(folder / "results.csv")) == 32
 
 
@@ -269,8 +269,6 @@ def test_processors():
 
 @pytest.mark.usefixtures("long_tools")
 def test_resources_once_per_hardware(recordings, tmp_path, monkeypatch):
-    from cmfpga.fpga import resources
-
     asked = []
 
     def estimate(verilog):

@@ -179,8 +179,7 @@ def test_the_trusted_share_goes_before_the_contrast():
     {"batches": []}, {"batches": [1]}, {"batches": [{}]}, {"batches": {"a": 1}}, {"note": []},
     {"events_left_over": "7"},
     *({"batches": [batch(0, **wrong)]} for wrong in (
-        {"vx": "1"}, {"vx": [[1.0]]},
-        {"vx": math.nan}, {"events": True}, {"cycles": 1 << 70}, {"more": 1},
+        {"vx": "1"}, {"vx": [[1.0]]}, {"vx": math.nan}, {"events": True}, {"cycles": 1 << 70}, {"more": 1},
         {"flags": "nonsense"}, {"flags": 3}, {"events": 1.5}, {"roi_events": {}},
     )),
 ])  # fmt: skip

@@ -13,7 +13,7 @@ from cmfpga.events import Events, MemoryRecording, generate
 from cmfpga.show.export import TRUSTED, VELOCITY, exported
 from support.designs import FAST
 from support.flowing import CAMERA
-from support.small_core import options
+from support.small_core import options, sets
 
 NAMES = ["track.mcap", "track.bag", "track"]
 
@@ -115,11 +115,9 @@ def test_the_command_writes_the_same(command, dot, tmp_path):
 
 
 def test_several_objects_have_a_file_each(command, dot, tmp_path):
-    done = command(
-        track, dot, "--roi", "a=8,9", "--roi", "b=9,9", "--engine", "model", "--no-picture", "--batch-events", 90,
-        "--set", "roi_width=8", "--set", "roi_height=8", "--set", "max_batch_events=100", "--batches", 2,
-        "--out", tmp_path / "out", "--export", tmp_path / "x.mcap",
-    )  # fmt: skip
+    how = "--roi a=8,9 --roi b=9,9 --engine model --no-picture --batch-events 90 --batches 2".split()
+    small = sets({"roi_width": 8, "roi_height": 8, "max_batch_events": 100})
+    done = command(track, dot, *how, *small, "--out", tmp_path / "out", "--export", tmp_path / "x.mcap")
     assert done.status == 0, done.err
     assert {path.name for path in tmp_path.iterdir()} == {"out", "x-a.mcap", "x-b.mcap"}
     assert len(messages(tmp_path / "x-b.mcap")[TRUSTED][0]) == 2

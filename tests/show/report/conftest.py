@@ -13,9 +13,8 @@ from support.reporting import keep
 def turning():
     """A synthetic object that turns a corner, tracked with preset ``fast``."""
     pieces = ((250_000, 150.0, 100.0), (250_000, 120.0, -100.0))
-    scene = generate(
-        seed=1, texture="lines", position=(70.0, 90.0), velocity=pieces, duration_us=500_000, noise=0.05,
-    )  # fmt: skip
+    fields = {"texture": "lines", "position": (70.0, 90.0), "duration_us": 500_000, "noise": 0.05}
+    scene = generate(seed=1, velocity=pieces, **fields)
     config = preset("fast").replace(buffer_events=4096)
     roi = scene.roi_start(config.roi_width, config.roi_height)
     return keep(config, scene.recording("turning"), roi=roi, size=3280, motion=scene.motion)

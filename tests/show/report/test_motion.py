@@ -96,9 +96,8 @@ def test_images_and_contrast_in_the_browser(opened, kept):
         a, b = map(int, pair.split(","))
         axes = "const l = $('landscape').layout; return [l.xaxis.title.text, l.yaxis.title.text]"
         assert report.do(axes) == [titles[a], titles[b]]
-        column, row, value = report.do(
-            "const d = $('landscape').data[0]; const k = d.x.length - 1;return [d.x[k], d.y[0], d.z[0][k]]"
-        )
+        corner = "const d = $('landscape').data[0]; const k = d.x.length - 1;return [d.x[k], d.y[0], d.z[0][k]]"
+        column, row, value = report.do(corner)
         there = detail.v[-1].copy()
         there[a], there[b] = column, row
         moves = flow(config, there, x, y, roi)

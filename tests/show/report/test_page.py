@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 
+import cmfpga
 from cmfpga.events import generate
 from cmfpga.protocol.flags import Flag
 from cmfpga.show import report
@@ -77,8 +78,6 @@ def test_two_hundred_batches_are_below_ten_megabytes(turning):
 
 
 def test_from_python(tmp_path):
-    import cmfpga
-
     scene = generate(seed=1, velocity=(150.0, 100.0), duration_us=100_000)
     tracking = cmfpga.track(scene, preset="fast", engine="model", batch_events=1500, batches=2)
     tracking.report(tmp_path / "a.html", clock_mhz=77)

@@ -74,21 +74,17 @@ def test_a_result_of_windows_is_due_with_the_next_hop(fields, says):
     assert story.notes[-1] == "None of the 1 windows has a warning: nothing unusual happened."
 
 
-def test_there_and_back(config):
-    xs = [100, 110, 120, 130, 140, 130, 120]
-    lead = Story(made_up(config, roi=[(x, 30) for x in xs], speed=(-30, 40)), 210.0).lead
-    assert "moved 40 px to the right, then 20 px to the left within 0.12 s, at about 50 px/s;" in lead
+CIRCLE = [(round(60 + 30 * np.cos(a)), round(60 + 30 * np.sin(a))) for a in np.linspace(0, 4 * np.pi, 60)]
 
 
-def test_a_long_way_round(config):
-    angles = np.linspace(0, 4 * np.pi, 60)
-    circle = [(round(60 + 30 * np.cos(a)), round(60 + 30 * np.sin(a))) for a in angles]
-    lead = Story(made_up(config, roi=circle, speed=(1, 0)), 210.0).lead
-    assert "moved along a path of about " in lead and "px that ends at where it began," in lead
-
-
-def test_no_way(config):
-    assert "stayed where it was within" in Story(made_up(config, roi=[(5, 5)] * 4, speed=(0, 1)), 210.0).lead
+@pytest.mark.parametrize("roi, speed, says", [
+    ([(x, 30) for x in (100, 110, 120, 130, 140, 130, 120)], (-30, 40),
+     r"moved 40 px to the right, then 20 px to the left within 0\.12 s, at about 50 px/s;"),
+    (CIRCLE, (1, 0), "moved along a path of about .*px that ends at where it began,"),
+    ([(5, 5)] * 4, (0, 1), "stayed where it was within"),
+], ids=["there and back", "a long way round", "no way"])  # fmt: skip
+def test_ways(config, roi, speed, says):
+    assert re.search(says, Story(made_up(config, roi=roi, speed=speed), 210.0).lead)
 
 
 def test_a_hardware_that_does_not_keep_up(config):
