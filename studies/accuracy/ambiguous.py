@@ -1,8 +1,8 @@
 """Scenes whose v may be wrong though the contrast has a sharp peak: how many batches are trusted and wrong.
 
-Gratings, straight edges, two motions in one ROI; and single motions, which are to stay trusted. Wrong is off by more
-than :data:`~studies.accuracy.default_use.WRONG` from every motion in the ROI. Each batch starts at v = 0; the buffer is
-that of windows that slide.
+Gratings, straight edges, two motions in one ROI, a motion that changes; and single motions, which are to stay trusted.
+Wrong is off by more than :data:`~studies.accuracy.default_use.WRONG` from every motion in the ROI, and from the mean of
+one that changes. Each batch starts at v = 0; the buffer is that of windows that slide.
 """
 
 import math
@@ -42,12 +42,16 @@ def _late(events, rng):
     return Events.merge([Events(np.maximum(events.t + late, 0), events.x, events.y, events.p)])
 
 
-def _object(rng, v, texture, size, contrast, off=0, **fields):
-    """An object that is ``off`` the ROI's middle, px, in the batch's middle."""
+def _object(rng, v, texture, size, contrast, off=0, velocity=None, **fields):
+    """An object that is ``off`` the ROI's middle, px, in the batch's middle; ``v`` is the mean of ``velocity``."""
     return generate(
-        seed=int(rng.integers(1 << 30)), texture=texture, size=size, velocity=tuple(2e6 * v / DURATION_US),
+        seed=int(rng.integers(1 << 30)), texture=texture, size=size, velocity=velocity or _px_per_s(v),
         position=tuple(MIDDLE + off - v), duration_us=DURATION_US, contrast=contrast, **fields,
     ).events  # fmt: skip
+
+
+def _px_per_s(v):
+    return tuple(2e6 * v / DURATION_US)
 
 
 def _straight(rng, v, normal, edges, half):
@@ -126,9 +130,26 @@ def depths(rng, k):
     return _two(rng, k, v, v * rng.uniform(*FASTER), k % 3 == 0)
 
 
+def stops(rng, k, turns=False):
+    """One object that stops, or starts, at some time of the batch; or has another velocity from then on."""
+    v, share = _velocity(rng), rng.uniform(0.25, 0.75)
+    two = (v, (-v, _velocity(rng))[k // 2 % 2] if turns else 0 * v)[:: 1 if k % 2 else -1]
+    mean = share * two[0] + (1 - share) * two[1]
+    pieces = [(int(part * DURATION_US), *_px_per_s(one)) for part, one in zip((share, 1 - share), two, strict=True)]
+    size, contrast = tuple(int(side) for side in rng.integers(16, 60, 2)), rng.uniform(*CONTRAST)
+    texture, noise = ("lines", "dense")[k // 4 % 2], rng.uniform(0, 0.25)
+    return _object(rng, mean, texture, size, contrast, velocity=pieces, noise=noise), (*two, mean)
+
+
+def turns(rng, k):
+    """The same where it turns back, or elsewhere."""
+    return stops(rng, k, turns=True)
+
+
 SCENES = {
     "single motion": single, "gratings": grating, "gratings, time errors": late_grating, "straight edges": edge,
-    "two motions, beside": beside, "two motions, through each other": through, "two depths": depths,
+    "stops or starts": stops, "turns": turns, "two motions, beside": beside, "two motions, through each other": through,
+    "two depths": depths,
 }  # fmt: skip
 
 

@@ -48,7 +48,7 @@ def total(found, words, what):
     return sum(one[what] for name, one in found.items() if words in name)
 
 
-@pytest.mark.parametrize("words, least, most", [("gratings", 0.05, 0.02), ("two", 0.1, 0.05)])
+@pytest.mark.parametrize("words, least, most", [("gratings", 0.05, 0.02), ("two", 0.1, 0.05), ("stops", 0.1, 0.02)])
 def test_what_is_wrong_is_not_trusted(found, words, least, most):
     whole = total(found, words, "batches")
     assert total(found, words, "wrong_before") > least * whole
@@ -56,7 +56,8 @@ def test_what_is_wrong_is_not_trusted(found, words, least, most):
 
 
 def test_what_is_open_has_its_name_and_single_motions_stay_trusted(found):
-    for words, name in (("gratings", "stripes"), ("gratings", "one_direction"), ("two", "two_motions")):
+    named = {"gratings": ("stripes", "one_direction"), "two": ("two_motions",), "stops": ("changes",)}
+    for words, name in ((words, name) for words, names in named.items() for name in names):
         assert total(found, words, name) > 0.3 * total(found, words, "trusted_before")
     assert found["straight edges"]["wrong"] == 0
     one = found["single motion"]

@@ -32,6 +32,10 @@ REPEATS, REPEATS_ALONG, REPEATS_FLAT = 0.85, 0.5, 0.6
 #: Correlation of the images of every other event, and of the others: of less, the image is no edge's.
 ALIKE = 0.1
 
+#: So alike are the images of the window's first, second and last third at v, as a share of that, where one v holds in
+#: all of its time. Of less: what is seen stops, starts, shakes or turns.
+LASTS = 0.8
+
 #: All events of the window, of which the buffer holds a part, have the contrast's peak so far from v, px, and half as
 #: far as the mean of the peaks of both halves of its time lies; no peak lies farther off than the second.
 #: Of a peak that is SURE times as sharp as the flattest that is trusted it has to be FAR_PX; nearer ones are noise's.
@@ -74,6 +78,7 @@ class Ambiguity(enum.IntFlag):
     APART = 64
     ALONE = 128
     THINNED = 256
+    CHANGES = 512
 
 
 #: With these a window is not trusted. Two motions alone are only told: many windows of one motion look like that, too,
@@ -91,6 +96,7 @@ WORDS = {
     Ambiguity.APART: "parts of the ROI move apart",
     Ambiguity.ALONE: "most windows around it are doubtful",
     Ambiguity.THINNED: "too few events kept",
+    Ambiguity.CHANGES: "motion changes",
 }
 
 
@@ -128,6 +134,8 @@ def ambiguity(config, events, result, **which):
         return found | Ambiguity.STRIPES
     if not found and elsewhere > (ELSEWHERE_PX if flat else FAR_PX):
         found |= Ambiguity.ELSEWHERE
+    elif _lasting(parts, result.v, size) < LASTS * alike:
+        return found | Ambiguity.CHANGES
     best, grown = best_known(config, result), _by_blocks(images) / max(kappa / result.roi_events, 1e-12)
     if which.get("thinned") and best < SHARP:
         return found | Ambiguity.THINNED
@@ -182,6 +190,19 @@ def _moved(parts, v, size):
         np.concatenate([np.einsum("bkl,gbl->gkl", (parts * one[..., None])[half], across[:, half]) for one in along])
         for half in halves
     ])  # fmt: skip
+
+
+def _lasting(parts, v, size):
+    """How alike the images of the thirds of the time at v are: the first and the last; or the middle one and both."""
+    _, _, down, right, _ = _kept(size)
+    times = (np.arange(PARTS) + 0.5) * (2 / PARTS) - 1
+    moved = parts * np.exp(1j * np.multiply.outer(times, v[0] * right + v[1] * down))
+    thirds = moved.reshape(3, PARTS // 3, *moved.shape[1:]).sum(1)
+    thirds = np.fft.irfft2(thirds, [2 * (side // 4) for side in size]).reshape(3, -1)
+    alike = thirds @ thirds.T
+    sizes = np.sqrt(np.maximum(alike.diagonal(), 1e-12))
+    alike /= np.multiply.outer(sizes, sizes)
+    return min(alike[0, 2], (alike[0, 1] + alike[1, 2]) / 2)
 
 
 def _elsewhere(by_time):

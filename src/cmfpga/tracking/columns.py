@@ -120,7 +120,7 @@ COLUMNS = declared(
            doc="names of the flags that are set, joined by `|`; empty where nothing was unusual"),
     Column(name="ambiguity", dtype=int, title="what is open", value=lambda b: int(b.ambiguity),
            doc="sum of 1: few time stamps, 2: stripes, 4: one direction, 8: two motions, 16: hot pixels, 32: sharper "
-           "elsewhere, 64: parts apart, 128: alone, 256: thinned; trusted with none but 8"),
+           "elsewhere, 64: parts apart, 128: alone, 256: thinned, 512: changes; trusted with none but 8"),
 )  # fmt: skip
 
 
