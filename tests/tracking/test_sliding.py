@@ -50,7 +50,7 @@ def test_a_turn_is_followed(scene, tracked):
     found = np.stack([tracked.vx_px_per_s, tracked.vy_px_per_s], 1)
     off = np.hypot(*(found - truth).T) * tracked.window_us / 2e6
     corner = (begin < 80_000) & (tracked.t_us > 80_000)
-    told = Ambiguity.TWO_MOTIONS | Ambiguity.ELSEWHERE
+    told = Ambiguity.TWO_MOTIONS | Ambiguity.ELSEWHERE | Ambiguity.CHANGES
     assert tracked.trusted.mean() > 0.9 and 0.5 < (tracked.ambiguity[corner] & told > 0).mean()
     assert off[tracked.trusted & ~corner].max() < 0.6 and 5 < corner.sum() < 40
     middle = np.array(tracked.results[-1].roi_next) + 31.5
