@@ -32,9 +32,9 @@ REPEATS, REPEATS_ALONG, REPEATS_FLAT = 0.85, 0.5, 0.6
 #: Correlation of the images of every other event, and of the others: of less, the image is no edge's.
 ALIKE = 0.1
 
-#: So alike are the images of the window's first, second and last third at v, as a share of that, where one v holds in
-#: all of its time. Of less: what is seen stops, starts, shakes or turns.
-LASTS = 0.8
+#: As a share of that: how alike the images of the thirds of its time at v are, where one v holds in all of it. Of less,
+#: what is seen stops, starts, shakes or turns.
+LASTS = 0.85
 
 #: All events of the window, of which the buffer holds a part, have the contrast's peak so far from v, px, and half as
 #: far as the mean of the peaks of both halves of its time lies; no peak lies farther off than the second.
@@ -134,7 +134,7 @@ def ambiguity(config, events, result, **which):
         return found | Ambiguity.STRIPES
     if not found and elsewhere > (ELSEWHERE_PX if flat else FAR_PX):
         found |= Ambiguity.ELSEWHERE
-    elif _lasting(parts, result.v, size) < LASTS * alike:
+    elif min(size) >= 4 * BLOCKS and _lasting(parts, images[:, 4], result.v, size) < LASTS:
         return found | Ambiguity.CHANGES
     best, grown = best_known(config, result), _by_blocks(images) / max(kappa / result.roi_events, 1e-12)
     if which.get("thinned") and best < SHARP:
@@ -192,17 +192,26 @@ def _moved(parts, v, size):
     ])  # fmt: skip
 
 
-def _lasting(parts, v, size):
-    """How alike the images of the thirds of the time at v are: the first and the last; or the middle one and both."""
+def _lasting(parts, images, v, size):
+    """How alike the images of the thirds of the time at v are, as a share of how alike those of all of it are.
+
+    The first and the last, or the middle one and both. ``images`` are of every other event, and of the others. What the
+    ROI's border cuts at some time does not count, unless v is beyond a fifth of the ROI's side.
+    """
     _, _, down, right, _ = _kept(size)
     times = (np.arange(PARTS) + 0.5) * (2 / PARTS) - 1
     moved = parts * np.exp(1j * np.multiply.outer(times, v[0] * right + v[1] * down))
-    thirds = moved.reshape(3, PARTS // 3, *moved.shape[1:]).sum(1)
-    thirds = np.fft.irfft2(thirds, [2 * (side // 4) for side in size]).reshape(3, -1)
-    alike = thirds @ thirds.T
-    sizes = np.sqrt(np.maximum(alike.diagonal(), 1e-12))
-    alike /= np.multiply.outer(sizes, sizes)
-    return min(alike[0, 2], (alike[0, 1] + alike[1, 2]) / 2)
+    thirds = np.fft.irfft2(moved.reshape(3, PARTS // 3, *moved.shape[1:]).sum(1), images.shape[1:])
+    rims = (min(int(abs(one) / 2) + 2, side // 4) for one, side in zip(v[::-1], images.shape[1:], strict=True))
+    inner = (..., *(slice(rim, -rim) for rim in rims))
+    first, middle, last = thirds[inner]
+    near = (_alike(first, middle) + _alike(middle, last)) / 2
+    return min(near, _alike(first, last)) / max(_alike(*images[inner]), 1e-12)
+
+
+def _alike(one, other):
+    """The correlation of two images without a mean."""
+    return (one * other).sum() / max(np.sqrt((one**2).sum() * (other**2).sum()), 1e-12)
 
 
 def _elsewhere(by_time):
