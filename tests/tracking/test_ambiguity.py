@@ -12,7 +12,7 @@ from cmfpga.engines import make_engine
 from cmfpga.events import Events, generate
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.tracking.ambiguity import Ambiguity, ambiguity
+from cmfpga.tracking.ambiguity import UNTRUSTED, Ambiguity, ambiguity
 from cmfpga.tracking.columns import columns
 from cmfpga.tracking.verdict import Verdict
 from studies.accuracy import ambiguous
@@ -65,6 +65,17 @@ def test_what_is_open_has_its_name_and_single_motions_stay_trusted(found):
     # One motion never looks like halves of the ROI that move apart, though dense texture looks like two motions.
     two = found["two motions, beside"]
     assert one["apart"] == 0 < two["wrong_before"] and two["apart"] > 0.8 * two["wrong_before"]
+
+
+def test_what_the_border_cuts_does_not_change(engine):
+    """Objects half of which are in the ROI, and move in or out by 8 px."""
+    settings = replace(BatchSettings.from_config(CONFIG, ambiguous.PLACE), start_last=False, v_start=(0, 0))
+    rng, told = np.random.default_rng(2), []
+    for v in np.array([(4.0, 1.0), (-4.0, -1.0)] * 8):
+        events = ambiguous._object(rng, v, "lines", (40, 40), 2.0, off=np.array([28.0, 4.0]))
+        (result,) = engine.run(events, settings)
+        told.append(ambiguity(CONFIG, events, result, thinned=bool(result.thinned)))
+    assert not any(one & Ambiguity.CHANGES for one in told) and sum(one & UNTRUSTED == 0 for one in told) > 12
 
 
 @pytest.mark.parametrize("step, told", [(1000, 0), (15_000, Ambiguity.FEW_STAMPS)])
