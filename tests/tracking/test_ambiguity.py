@@ -48,7 +48,9 @@ def total(found, words, what):
     return sum(one[what] for name, one in found.items() if words in name)
 
 
-@pytest.mark.parametrize("words, least, most", [("gratings", 0.05, 0.02), ("two", 0.1, 0.05), ("stops", 0.1, 0.02)])
+@pytest.mark.parametrize(
+    "words, least, most", [("gratings", 0.05, 0.02), ("two", 0.1, 0.05), ("stops", 0.1, 0.02), ("turns", 0.2, 0.17)]
+)
 def test_what_is_wrong_is_not_trusted(found, words, least, most):
     whole = total(found, words, "batches")
     assert total(found, words, "wrong_before") > least * whole
