@@ -295,7 +295,8 @@ async def bad_words(dut):
     rng = np.random.default_rng(5)
     for form in ("EVT21", "EVT20", "PACKED"):
         await board.write("CTRL", SOFT_RESET=1)
-        assert await board.read("STATUS", "TIME_KNOWN") == (form == "EVT21")  # before it: packed words, with their time
+        # Once a packet that is being written is complete. Before EVT21: packed words, with their time.
+        await board.until("STATUS", "TIME_KNOWN", form == "EVT21")
         await board.write("INPUT", FORMAT=form)
         await board.until("STATUS", "INPUT_PENDING", 0)
         expected, settings = Expected(CONFIG), dataclasses.replace(settings, roi=ROI)
