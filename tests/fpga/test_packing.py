@@ -6,7 +6,7 @@ from copy import deepcopy
 import pytest
 
 from cmfpga.fpga.packing import pack_registers
-from support.ecp5_cells import cell, difference, twice_waiting
+from support.ecp5_cells import cell, difference, register, twice_waiting
 
 
 def packable(kind="MULT18X18D", sinks=(), **changes):
@@ -91,11 +91,25 @@ def test_a_factor_that_waits_is_packed(other):
     assert {name for name in it["parameters"] if name.endswith("_CLK")} == {"REG_INPUTA_CLK"}
 
 
+def test_each_register_of_a_multiplier_has_its_own_enable():
+    """One without an enable, one with, and behind both the product with another."""
+    cells = {"it": cell("MULT18X18D", A0=11, B0=21, P0=30), "product": register(30, 31)}
+    cells |= {"a": register(10, 11, CEMUX="1"), "b": register(20, 21)}
+    cells["product"]["connections"]["CE"] = [5]
+    cells |= {f"lut_{net}": cell("LUT4", {"INIT": "10" * 8}, A=net - 1, Z=net) for net in (10, 20)}
+    module = {"ports": {"o": {"bits": [31]}}, "cells": cells}
+    before = deepcopy(module)
+    assert pack_registers(module) == 3 and difference(before, module) is None
+    it = module["cells"]["it"]
+    assert [it["parameters"][f"REG_{name}_CE"] for name in ("OUTPUT", "INPUTA", "INPUTB")] == ["CE0", "CE1", "CE2"]
+    assert [it["connections"][f"CE{k}"] for k in range(3)] == [[5], ["1"], [4]]
+
+
 def test_a_factor_that_cannot_wait_inside_stays():
-    """A register that starts at one; one behind logic; a multiplier whose registers have another enable."""
+    """A register that starts at one; one behind logic; a multiplier whose registers have another clock."""
     kept = [waiting(REGSET="SET"), waiting(), waiting(), waiting()]
     kept[1]["cells"]["first"]["type"] = "LUT4"
-    kept[2]["cells"]["it"]["connections"] |= {"CLK0": [2], "CE0": ["1"], "RST0": ["0"]}
+    kept[2]["cells"]["it"]["connections"] |= {"CLK0": [3], "CE0": ["1"], "RST0": ["0"]}
     kept[2]["cells"]["it"]["port_directions"] |= dict.fromkeys(("CLK0", "CE0", "RST0"), "input")
     kept[3]["cells"]["it"]["connections"]["A1"] = ["1"]
     for module in kept:
@@ -103,8 +117,8 @@ def test_a_factor_that_cannot_wait_inside_stays():
         assert pack_registers(module) == 0 and json.dumps(module) == before
 
 
-@pytest.mark.parametrize(("before", "packed"), [("TRELLIS_FF", 2), ("LUT4", 0)])
-def test_a_factor_from_an_adder_is_packed_beside_one_that_waits(before, packed):
+@pytest.mark.parametrize(("before", "packed"), [("TRELLIS_FF", 2), ("LUT4", 2), ("L6MUX21", 2), ("DP16KD", 0)])
+def test_a_factor_from_an_adder_is_packed_where_the_other_is(before, packed):
     module = waiting()
     cells = module["cells"]
     cells["first"] = cell("CCU2C", A0=9, S0=10)

@@ -49,7 +49,7 @@ endmodule
 // 18 by 18 bits, each signed or not; at most a register before each, and one behind.
 module MULT18X18D (
   input [17:0] A, B, C,
-  input SIGNEDA, SIGNEDB, SOURCEA, SOURCEB, CLK0, CE0, RST0,
+  input SIGNEDA, SIGNEDB, SOURCEA, SOURCEB, CLK0, CE0, CE1, CE2, CE3, RST0, RST1, RST2, RST3,
   output [35:0] P
 );
   parameter REG_INPUTA_CLK = "NONE", REG_INPUTB_CLK = "NONE", REG_PIPELINE_CLK = "NONE", REG_OUTPUT_CLK = "NONE";
@@ -60,9 +60,14 @@ module MULT18X18D (
   wire [17:0] a = REG_INPUTA_CLK == "NONE" ? A : a_s1, b = REG_INPUTB_CLK == "NONE" ? B : b_s1;
   wire signed [18:0] first = {SIGNEDA & a[17], a}, second = {SIGNEDB & b[17], b};
   wire signed [37:0] product = first * second;
+  // Each register has one of four enables and resets, which its name's last character tells.
+  wire [3:0] enables = {CE3, CE2, CE1, CE0}, resets = {RST3, RST2, RST1, RST0};
+  localparam [23:0] ce_a = REG_INPUTA_CE, ce_b = REG_INPUTB_CE, ce_p = REG_OUTPUT_CE;
+  localparam [31:0] rst_a = REG_INPUTA_RST, rst_b = REG_INPUTB_RST, rst_p = REG_OUTPUT_RST;
   always @(posedge CLK0) begin
-    if (RST0) {a_s1, b_s1, product_s2} <= 0;
-    else if (CE0) {a_s1, b_s1, product_s2} <= {A, B, product[35:0]};
+    if (resets[rst_a[1:0]]) a_s1 <= 0; else if (enables[ce_a[1:0]]) a_s1 <= A;
+    if (resets[rst_b[1:0]]) b_s1 <= 0; else if (enables[ce_b[1:0]]) b_s1 <= B;
+    if (resets[rst_p[1:0]]) product_s2 <= 0; else if (enables[ce_p[1:0]]) product_s2 <= product[35:0];
   end
   assign P = REG_OUTPUT_CLK == "NONE" ? product[35:0] : product_s2;
   initial begin

@@ -128,11 +128,14 @@ class Netlist:
             if self._pin(cell, "LSR"):
                 return 0
             return self._pin(cell, "DI") if enabled else before or 0
-        if self._pin(cell, "RST0"):
-            return 0, 0, 0
-        if not self._pin(cell, "CE0"):
-            return before or (0, 0, 0)
-        return self._factor(cell, "A"), self._factor(cell, "B"), self._product(name, cell)
+        now = self._factor(cell, "A"), self._factor(cell, "B"), self._product(name, cell)
+        rows = zip(("INPUTA", "INPUTB", "OUTPUT"), before or (0, 0, 0), now, strict=True)
+        return tuple(self._kept(cell, *row) for row in rows)
+
+    def _kept(self, cell, register, before, now):
+        if not self._has(cell, register) or self._pin(cell, cell["parameters"][f"REG_{register}_RST"]):
+            return 0
+        return now if self._pin(cell, cell["parameters"][f"REG_{register}_CE"]) else before
 
 
 def difference(before, after, cycles=40, seed=1):

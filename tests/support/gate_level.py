@@ -29,11 +29,11 @@ BLOCKS = "DP16KD", "MULT18X18D"
 
 
 def with_buses(cell):
-    """Pins ``A0`` to ``A17`` of a cell become one port ``A``."""
+    """Pins ``A0`` to ``A17`` of a cell become one port ``A``; each enable and reset stays one of its own."""
     found = {}
     for pin, bits in cell["connections"].items():
         bus, number = re.fullmatch(r"(.*?)(\d*)", pin).groups()
-        found.setdefault(bus, {})[int(number or 0)] = pin, bits
+        found.setdefault(pin if bus in ("CE", "RST") else bus, {})[int(number or 0)] = pin, bits
     for bus, pins in found.items():
         if len(pins) > 1:
             for pin, _ in pins.values():

@@ -14,6 +14,8 @@ from typing import NamedTuple
 _OUTPUTS = {"DP16KD": "DOB", "MULT18X18D": "P"}
 #: What a carry cell computes that adds A and B, or A and the inverse of B, by C; and the opposite of that.
 _ADDS, _INVERTED = "1001011010101010", "0110100110101010"
+#: What a register has its data from that goes into a multiplier where both factors' do: nothing slower than an adder.
+_GATES = frozenset({"TRELLIS_FF", "CCU2C", "LUT4", "PFUMX", "L6MUX21"})
 #: A RAM of words so wide is read by both ports' outputs, with the clock and the enable of port B.
 _WIDE = 36
 
@@ -37,8 +39,8 @@ def pack_registers(module):
     A cell's output register is used where every output in use goes to a register and nowhere else, all have the cell's
     clock, one enable or none, start at zero, and have no reset or, behind a multiplier, one synchronous reset.
     A multiplier's input register is used where every bit of the factor comes from such a register, which has it from
-    another one: a factor that waits for a cycle. Or from an adder, if the other factor waits in its register already.
-    Where others read it as well, it stays beside.
+    another one: a factor that waits for a cycle. Or from gates or an adder, if the other factor's is used as well. Each
+    of a multiplier's registers has one of four enables and resets. Where others read a register, too, it stays beside.
 
     Where both factors wait for a cycle more, in registers of the same kind, the product does that in their place, for
     its wires are long as well; and where both terms of an adder before a multiplier do, their sum.
@@ -52,11 +54,10 @@ def pack_registers(module):
     multipliers = [cell for cell in cells.values() if cell["type"] == "MULT18X18D"]
     for cell in multipliers:
         for factor in "AB":
-            packed |= _pack_input(cells, cell, factor, drivers, {"TRELLIS_FF"})
+            packed |= _pack_inputs(cells, cell, factor, drivers, {"TRELLIS_FF"})
     for cell in multipliers:
-        for factor, other in ("AB", "BA"):
-            if _waits(cell, other) and not _waits(cell, factor):
-                packed |= _pack_input(cells, cell, factor, drivers, {"TRELLIS_FF", "CCU2C"})
+        others = [factor for factor in "AB" if not _waits(cell, factor)]
+        packed |= _pack_inputs(cells, cell, others, drivers, _GATES)
     _drop(module, packed)
     drivers, sinks = wires_of(module)
     new = count(1 + max((bit for bit in [*drivers, *sinks] if isinstance(bit, int)), default=0))
@@ -122,25 +123,28 @@ def _pack_output(cells, cell, sinks):
         wires[pin] = cells.pop(name)["connections"]["Q"]
 
 
-def _pack_input(cells, cell, factor, drivers, kinds_before):
-    """Returns the names of the registers that the factor no longer needs.
+def _pack_inputs(cells, cell, factors, drivers, sources):
+    """All of the ``factors``, or none; returns the names of the registers that these no longer need.
 
-    ``kinds_before``: what a register may have a bit from.
+    ``sources``: what a register may have a bit from.
     """
-    wires = cell["connections"]
-    pins = {f"{factor}{bit}": wires[f"{factor}{bit}"][0] for bit in range(18) if wires.get(f"{factor}{bit}")}
-    registers = {pin: drivers.get(bit) for pin, bit in pins.items() if bit not in ("0", "x")}
-    kinds = {_kind(cells.get(name)) for name in registers.values()}
-    if len(kinds) != 1 or None in kinds:
-        return set()
-    (kind,) = kinds
-    # The other registers of the multiplier have the same clock, enable and reset, which are the first of four.
-    if wires.get("CLK0", ["0"]) != ["0"] and _Kind(*(wires[pin][0] for pin in ("CLK0", "RST0", "CE0"))) != kind:
+    wires, registers, found = cell["connections"], {}, {}
+    for factor in factors:
+        pins = {f"{factor}{bit}": wires[f"{factor}{bit}"][0] for bit in range(18) if wires.get(f"{factor}{bit}")}
+        own = {pin: drivers.get(bit) for pin, bit in pins.items() if bit not in ("0", "x")}
+        kinds = {_kind(cells.get(name)) for name in own.values()}
+        if len(kinds) != 1 or None in kinds:
+            return set()
+        (found[factor],) = kinds
+        registers |= own
+    clocks = {kind.clock for kind in found.values()} | {bit for bit in wires.get("CLK0", ()) if bit != "0"}
+    if len(clocks) > 1:
         return set()
     before = {pin: cells[name]["connections"]["DI"][0] for pin, name in registers.items()}
-    if any(cells.get(drivers.get(bit), {"type": None})["type"] not in kinds_before for bit in before.values()):
+    if any(cells.get(drivers.get(bit), {"type": None})["type"] not in sources for bit in before.values()):
         return set()
-    _set(cell, f"INPUT{factor}", kind)
+    for factor, kind in found.items():
+        _set(cell, f"INPUT{factor}", kind)
     wires |= {pin: [bit] for pin, bit in before.items()}
     return set(registers.values())
 
@@ -152,9 +156,10 @@ def _move_behind(cells, name, sinks, drivers, new):
     """
     cell = cells[name]
     wires = cell["connections"]
-    if not (_waits(cell, "A") and _waits(cell, "B")):
+    kinds = {_kind_of(cell, name) for name in ("INPUTA", "INPUTB", "OUTPUT")} - {None}
+    if not (_waits(cell, "A") and _waits(cell, "B")) or len(kinds) > 1:
         return set()
-    kind = _Kind(*(wires[pin][0] for pin in ("CLK0", "RST0", "CE0")))
+    (kind,) = kinds
     factors = {
         factor: [pin for pin in (f"{factor}{bit}" for bit in range(18)) if (wires.get(pin) or ["0"]) != ["0"]]
         for factor in "AB"
@@ -268,17 +273,24 @@ def _register(cells, name, like, data, out, drivers):
 
 def _waits(multiplier, factor):
     """Whether it uses its register of a factor."""
-    return multiplier["parameters"].get(f"REG_INPUT{factor}_CLK", "NONE").strip() != "NONE"
+    return _kind_of(multiplier, f"INPUT{factor}") is not None
+
+
+def _kind_of(multiplier, name):
+    """None if it does not use this one of its registers."""
+    found, wires = multiplier["parameters"], multiplier["connections"]
+    pins = [found.get(f"REG_{name}_{part}", "NONE").strip() for part in ("CLK", "RST", "CE")]
+    return None if pins[0] == "NONE" else _Kind(*(wires[pin][0] for pin in pins))
 
 
 def _set(multiplier, name, kind):
-    """Use one of its registers."""
-    multiplier["parameters"] |= {
-        f"REG_{name}_CLK": "CLK0", f"REG_{name}_CE": "CE0", f"REG_{name}_RST": "RST0", "CLK0_DIV": "ENABLED",
-        "RESETMODE": "SYNC", "GSR": "DISABLED",
-    }  # fmt: skip
-    multiplier["connections"] |= {"CLK0": [kind.clock], "CE0": [kind.enable], "RST0": [kind.reset]}
-    multiplier["port_directions"] |= dict.fromkeys(("CLK0", "CE0", "RST0"), "input")
+    """Use one of its registers, with the first enable and reset that are the same, or free."""
+    found, wires = multiplier["parameters"], multiplier["connections"]
+    found |= {"CLK0_DIV": "ENABLED", "RESETMODE": "SYNC", "GSR": "DISABLED"}
+    for part, net in (("CLK", kind.clock), ("RST", kind.reset), ("CE", kind.enable)):
+        pin = next(pin for pin in (f"{part}{k}" for k in range(4)) if wires.get(pin, [net]) == [net])
+        found[f"REG_{name}_{part}"], wires[pin] = pin, [net]
+        multiplier["port_directions"][pin] = "input"
 
 
 def _kind(cell):
