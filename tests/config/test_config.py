@@ -165,7 +165,7 @@ def test_choices(name, choices):
     ({"window_events": 5}, "window_events = 5: windows = sliding is needed; windows = batches ignores it"),
     ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 20 idle cycles an iteration = 620, "),
     ({**preset("fast").to_dict(), "tag_bits": 6},
-     "tag_bits = 6: (2^tag_bits − 1) · 51 idle cycles an iteration = 3213, at least the 4096 words of a bank "),
+     "tag_bits = 6: (2^tag_bits − 1) · 52 idle cycles an iteration = 3276, at least the 4096 words of a bank "),
     ({**ROUNDS, "max_iterations": 30, "cold": "0:1:1*30"}, "cold and warm: 30 + 3 iterations; at most 32 are "),
     ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
     ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),

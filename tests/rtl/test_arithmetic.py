@@ -11,7 +11,7 @@ from cmfpga import fixed
 from cmfpga.config import preset
 from cmfpga.protocol.confidence import is_short as told_short
 from cmfpga.rtl import payloads
-from cmfpga.rtl.arithmetic import is_short, negative_where, saturate, small_product, wide_product
+from cmfpga.rtl.arithmetic import is_beyond, is_short, negative_where, saturate, small_product, wide_product
 from support.bench import simulate
 from support.values import shape_range
 
@@ -46,12 +46,13 @@ def test_negative_where():
 
 
 @pytest.mark.parametrize(
-    "low, high", [(-16, 15), (-8, 7), (-1, 0), (-7, 8), (-8, 8), (0, 9), (3, 6), (-32, 31), (0, 31)]
+    "low, high", [(-16, 15), (-8, 7), (-1, 0), (-7, 8), (-8, 8), (0, 9), (3, 6), (-32, 31), (0, 31), (0, 24), (-8, 12)]
 )
 @pytest.mark.parametrize("shape", [Shape(6, signed=True), Shape(5)], ids=str)
 def test_saturate(shape, low, high):
     made, wanted = (lambda value, limit=limit: limit(value, low, high) for limit in (saturate, fixed.saturate))
     check(made, Shape(8, signed=True), shape, wanted=wanted)
+    check(lambda value: is_beyond(value, low, high), Shape(1), shape, wanted=lambda value: wanted(value) != value)
 
 
 @pytest.mark.parametrize("cycles", [2, 3, 4])

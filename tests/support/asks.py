@@ -72,7 +72,7 @@ SMOKE = {
     "rtl/regions/test_distributor.py::test_each_row_once_and_in_order[family0-10]",
     "rtl/test_core.py::test_cold_and_warm_schedules[both]",
     "rtl/test_core.py::test_reset_in_the_middle[result-small]",
-    "rtl/test_core_mutants.py::test_a_broken_block_is_noticed[an iteration too many]",
+    "rtl/test_core_mutants.py::test_a_broken_block_is_noticed[one too many]",
     "verilog/simulation/test_axi.py::test_in_icarus[cocotb_registers]",
     "studies/test_crosscheck.py::test_interrupted_it_says_what_it_has",
     "protocol/test_words.py::test_a_real_file",

@@ -89,7 +89,7 @@ class OnePass:
         sums = 5 + 4
         if rounds:  # four sums, one after the other, of four images a cycle later
             warp += 1 + (c.evaluators == 1)
-            gradient, sums = gradient - 1, sums + c.geometry.images - (c.evaluators == 1)
+            gradient, sums = gradient - 1, sums + c.geometry.images
         feed = 10 + 2 * (c.dither_frac > 0)
         if c.motion_model.basis:
             warp, gradient, sums = warp + 2, 0, sums + 2

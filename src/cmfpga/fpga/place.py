@@ -41,7 +41,7 @@ def place(verilog, *, device="LFE5U-85F", speed=None, seeds=1, aim_mhz=AIM_MHZ, 
     device, speed
         One of :data:`~cmfpga.fpga.families.FAMILIES`, and of its speed grades; without, the fastest.
     seeds : int
-        Placements from other random numbers, 1 … ``seeds``; they differ by up to 9 %.
+        Placements from other random numbers, 1 … ``seeds``; they differ by up to 11 %.
     aim_mhz : float
         Clock that the tools try to reach, MHz.
 

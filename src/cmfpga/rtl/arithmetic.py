@@ -14,13 +14,41 @@ def saturate(value, low, high):
     The two comparisons stand side by side, of the bits that can tell. Where the limits are those of a signed word, the
     bits above it tell.
     """
-    signed, width = value.shape().signed, high.bit_length()
-    if signed and len(value) > width and high == (1 << width) - 1 and low == -1 - high:
-        beyond = value[width:]
-        return Mux(beyond.all() | ~beyond.any(), value, Mux(value[-1], low, high))
-    above, below = ((limit & -limit).bit_length() - 1 if limit else 0 for limit in (high + 1, low))
-    limited = Mux((value >> above) > (high >> above), high, value)
-    return Mux((value >> below) < (low >> below), low, limited) if signed or low > 0 else limited
+    if (beyond := _beyond_word(value, low, high)) is not None:
+        return Mux(beyond, Mux(value[-1], low, high), value)
+    above, below = _beyond(value, low, high)
+    if zeros := _zeros(high):  # what equals it but for them is greater, or the limit itself
+        above = (value >> zeros) >= (high >> zeros)
+    return Mux(below, low, Mux(above, high, value))
+
+
+def is_beyond(value, low, high):
+    """Whether :func:`saturate` limits ``value``."""
+    if (beyond := _beyond_word(value, low, high)) is not None:
+        return beyond
+    above, below = _beyond(value, low, high)
+    return above | below
+
+
+def _beyond_word(value, low, high):
+    """Whether it is, told by the bits above a signed word; None where the limits are not those of one."""
+    width = high.bit_length()
+    if value.shape().signed and len(value) > width and high == (1 << width) - 1 and low == -1 - high:
+        bits = value[width:]
+        return bits.any() & ~bits.all()
+    return None
+
+
+def _beyond(value, low, high):
+    """Whether it is greater than ``high``, and less than ``low``."""
+    above, below = _zeros(high + 1), _zeros(low)
+    less = (value >> below) < (low >> below) if value.shape().signed or low > 0 else Const(0)
+    return (value >> above) > (high >> above), less
+
+
+def _zeros(limit):
+    """How many bits at its end are 0."""
+    return (limit & -limit).bit_length() - 1 if limit else 0
 
 
 def negative_where(flag, value):

@@ -112,6 +112,7 @@ class IterationControl(Block):
         m = Module()
         timer = Signal(range(max(2, self._move)))
         few, none, too_few, final = Signal(), Signal(), Signal(), Signal()
+        following = Signal(len(self.iterations) + 1)
         m.d.comb += [
             run.settings.eq(batch.settings),
             run.take.eq(self.handover.take),
@@ -121,7 +122,9 @@ class IterationControl(Block):
             few.eq(batch.roi_events < batch.settings.min_roi_events),
             none.eq((batch.roi_events == 0) | (batch.span == 0)),
             too_few.eq(few | none | (run.planned == 0)),
-            final.eq(self.iterations + 1 == run.planned),  # two cycles after ``updated``, long before it counts
+            # Three cycles after ``updated``, long before it counts.
+            following.eq(self.iterations + 1),
+            final.eq(following == run.planned),
         ]
         judged = delay(m, run.take, self.hand_over - 1, name="take", valid=True)
         another = self.complete & self.iterating & ~final

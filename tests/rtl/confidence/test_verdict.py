@@ -75,7 +75,9 @@ def test_the_verdict_is_the_models(name, rng):
         ("(b_low, b_low, 1, SUM)", "(b_low, b_low, 0, SUM)"), ("(a_low, c_high, 0, SUM)", "(a_low, c_low, 0, SUM)"),
         ("(a_low, c_low, 0, SHIFTED)", "(a_low, c_low, 0, SUM)"),
         ("pixels - total", "pixels"),
-        ("with m.If(due & ~full)", "with m.If(due)"), ("value << by", "value << 1"),
+        ("due & ~(fills[by] | full(contrast, by))", "due & ~fills[by]"),
+        ("due & ~(fills[by] | full(contrast, by))", "due & ~full(contrast, by)"),
+        ("known.eq(full(curvatures, by, moved))", "known.eq(full(curvatures, by))"), ("value << by", "value << 1"),
     ],
 )  # fmt: skip
 def test_another_verdict_would_be_noticed(old, new, rng, monkeypatch):

@@ -99,6 +99,8 @@ def windows(hops, events, crops, rng, *, busy=(0, 40), gap=0.93, stall=0.3):
     async def evaluate(ctx):
         begin, first, phases = 0, None, tuple(factor // 2 for factor in FACTORS)
         for corner in crops:
+            for _ in range(2):  # the begin is right before
+                await ctx.tick()
             ctx.set(store.replay, 1)
             await ctx.tick()
             ctx.set(store.replay, 0)
@@ -106,9 +108,9 @@ def windows(hops, events, crops, rng, *, busy=(0, 40), gap=0.93, stall=0.3):
             ctx.set(control.free, 1)
             while not closed or not (last or ended == begin):
                 ctx.set(store.room, int(rng.random() >= stall))
+                ctx.set(store.closed, int(closed))  # a cycle later
                 if ctx.get(control.closed):
                     closed, ended = True, ctx.get(control.end)
-                    ctx.set(store.closed, 1)
                     now = ctx.get(control.now) % (1 << CONFIG.span_bits)
                 if ctx.get(store.o.valid):
                     event = ctx.get(store.o.payload)
@@ -119,6 +121,7 @@ def windows(hops, events, crops, rng, *, busy=(0, 40), gap=0.93, stall=0.3):
                     ctx.set(control.free, 0)
                 waited += 1
                 assert waited < 4000, f"hop {len(found)}: {len(out)} events, closed: {closed}"
+            ctx.set(store.closed, 1)
             await ctx.tick()  # it is told a cycle after what else is told of a hop
             found.append((begin, ended, now, ctx.get(control.stale), first, phases, out))
             for _ in range(int(rng.integers(*busy))):
@@ -220,15 +223,15 @@ MUTANTS = {  # module, old, new
     "times of the hop before": (hop_control, "self.now.eq(now_s3),", "self.now.eq(self.now),"),
     "the ROI moves at once": (hop_control, "frac), roi[axis])", "frac), self.corner[axis])"),
     "a hop closes while one is evaluated": (hop_control, "free.eq(self.free & ", "free.eq(1 & "),
-    "no pause is too long": (hop_control, "self.stale.eq(step_s1 > longest)", "self.stale.eq(0)"),
+    "no pause is too long": (hop_control, "self.stale.eq(step_s1 > ", "self.stale.eq(0 & "),
     "an event too many stays": (walker, "held > most", "held > most + 1"),
     "events as old as they may be go": (walker, "> oldest", ">= oldest"),
     "a hop closes a µs late": (hop_control, "(now - target)", "(now - target - 1)"),
     "a dither of its own for each window": (walker, "phase.eq(phase + factor)", "phase.eq(factor // 2)"),
     "the dither goes on in an empty window": (walker, "phase.eq(factor // 2)", "phase.eq(phase)"),
     "time of the event before": (walker, "self.t_first.eq(t_s2)", "self.t_first.eq(self.t_first)"),
-    "the last one is not waited for": (ring, "last_s1.eq(self.closed & ", "last_s1.eq(1 & "),
-    "an event is read before it is written": (ring, "(address_s1 != self.written) & ", ""),
+    "the last one is not waited for": (ring, "last_s1.eq(closed & ", "last_s1.eq(1 & "),
+    "the one behind is not waited for": (ring, "(last_s1 | more)", "1"),
     "written over": (ring, "write.addr.eq(write.addr + write.en)", "write.addr.eq(write.addr + 0)"),
 }  # fmt: skip
 

@@ -26,15 +26,22 @@ class RingHarness(Harness):
         word = memory.read.data.shape()
         # Which the induction has to be told about. These names are not part of the interface.
         reading, address, following = (self.register(name) for name in ("reading_s1", "address_s1", "next_s1"))
+        held, some, another, told = (self.register(name) for name in ("held", "some", "more", "ends"))
         goes, last = (self.register(name, "comb") for name in ("goes", "last_s1"))
         gone = self.register("goes_s1")
         stored = Signal(range(PLACES))  # place of the event that comes
         m.d.sync += stored.eq(stored + dut.i.valid)
         free = dut.i.valid, dut.i.payload.as_value(), dut.replay, dut.first, dut.closed, dut.end, dut.room, dut.look
         after = (stored + 1)[: len(stored)]
+        was = [Signal(name=f"was_{n}", init=1) for n in range(2)]  # reading, one and two cycles ago
+        firsts = [Signal.like(dut.first, name=f"first_{n}") for n in range(2)]
+        ended = [Signal.like(dut.end, name=f"end_{n}") for n in range(2)]
         m.d.comb += [
             *map(anything, free),
-            Assume(~(dut.replay & reading)),
+            Assume(~dut.replay | ~(reading | Cat(was).any())),
+            # What is right before it is told.
+            Assume(~dut.replay | ((dut.first == firsts[0]) & (firsts[0] == firsts[1]))),
+            Assume(~dut.closed | (dut.end == ended[0])),
             # A replay begins among what can be read, or right behind it.
             Assume(~(dut.replay & memory.write.en) | (dut.first != stored)),
             Assume(~(dut.i.valid & reading) | (after != address)),
@@ -42,7 +49,10 @@ class RingHarness(Harness):
             Assert(stored == (dut.written + memory.write.en)[: len(stored)]),
             Assert(memory.write.addr == dut.written),
             Assert(~reading | (following == (address + 1)[: len(address)])),
+            Assert(~reading | (told == (following == ended[1]))),
         ]
+        for line, value in ((was, reading), (firsts, dut.first), (ended, dut.end)):
+            m.d.sync += [line[0].eq(value), line[1].eq(line[0])]
 
         # A replay never passes what was written: counted, and not the difference of two places.
         ahead = Signal(range(2 * PLACES))  # events that can be read and have not been
@@ -54,6 +64,7 @@ class RingHarness(Harness):
         m.d.comb += [
             Assert(~reading | (ahead < PLACES)),
             Assert(~reading | (ahead == (dut.written - address)[: len(address)])),
+            Assert(~reading | ((held == ahead) & (some == (ahead != 0)) & (another == (ahead > 1)))),
             Assert(~reading | ~more | (ahead < PLACES - 1)),
             Assert(~goes | (ahead != 0)),
         ]
@@ -82,8 +93,9 @@ class RingHarness(Harness):
         ]
 
         # The last one is that before the end, and ends the replay.
-        ends = Signal()
-        m.d.comb += ends.eq(goes & dut.closed & (following == dut.end))
+        ends, closed = Signal(), Signal()
+        m.d.sync += closed.eq(dut.closed)
+        m.d.comb += ends.eq(goes & closed & (following == ended[0]))
         line = [Signal(2, name=f"ended_{n}") for n in range(2)]
         m.d.sync += [line[0].eq(Cat(goes, ends)), line[1].eq(line[0])]
         began = Signal()

@@ -113,12 +113,14 @@ class NewtonAscent(ScheduledAscent):
         """2: from step ``_kept`` on. Which bits tell of a size is known first; these decide, a cycle ahead."""
         wide = {name: Signal.like(value, name=f"wide_{name}", reset_less=True) for name, value in sums.items()}
         telling = Signal(self.config.widths.round_bits - 1, reset_less=True)
+        sizes = [*map(_size, sums.values())]
+        told = [delay(m, reduce(or_, some), 1, name=f"told_{n}") for n, some in enumerate((sizes[:3], sizes[3:]))]
         # Steps 1 and 2, from registers, for much hangs on them.
         loads = delay(m, last, 1, name="loads", valid=True)
         with m.If(loads):
             m.d.sync += [wide[name].eq(value) for name, value in sums.items()]
         with m.If(delay(m, loads, 1, name="tells", valid=True)):
-            m.d.sync += telling.eq(reduce(or_, map(_size, wide.values())))
+            m.d.sync += telling.eq(told[0] | told[1])
         for by in sorted(set(self._shifts)):
             fits, due, shift = ~telling[-by:].any(), Signal(name=f"due_{by}"), Signal(name=f"shift_{by}")
             m.d.sync += due.eq(Cat(step == 2 + n for n, each in enumerate(self._shifts) if each == by).any())
@@ -186,7 +188,7 @@ class NewtonAscent(ScheduledAscent):
         """6: the ratio, from step ``_divided`` on."""
         bits = self.config.v_frac + 2  # the first says that it is limited
         rest = Signal(signed(len(det) + 3), name=f"rest_{axis}", reset_less=True)
-        quotient = Signal(bits, name=f"quotient_{axis}", reset_less=True)
+        inverse = Signal(bits, name=f"inverse_{axis}", reset_less=True)  # of the quotient, as the signs come
         # Not restored where it does not fit, but added to: then no choice follows the adder. Its lowest bit carries.
         down = ~rest[-1]
         by = (delay(m, det, 1, name=f"det_{axis}") << 1) ^ down.replicate(len(rest)).as_signed()
@@ -197,8 +199,8 @@ class NewtonAscent(ScheduledAscent):
         with m.If(loads):
             m.d.sync += rest.eq(_size(over))
         with m.Elif(divides):
-            m.d.sync += [rest.eq(trial << 1), quotient.eq(Cat(~trial[-1], quotient))]
-        return quotient[:-1] | quotient[-1].replicate(bits - 1)
+            m.d.sync += [rest.eq(trial << 1), inverse.eq(Cat(trial[-1], inverse))]
+        return ~(inverse[:-1] & inverse[-1].replicate(bits - 1))
 
 
 def _size(value):

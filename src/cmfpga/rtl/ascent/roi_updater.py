@@ -1,6 +1,6 @@
 """ROI updater: holds the ROI's position and moves it with the object."""
 
-from amaranth.hdl import Const, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -57,8 +57,8 @@ class RoiUpdater(Block):
     """
 
     def __init__(self, config):
-        self.latency = config.formats.roi_gain.width + 3 + (config.buffers == 2)
-        self.settle = self.latency + 2
+        self.latency = config.formats.roi_gain.width + 1 + 2 * config.buffers
+        self.settle = self.latency + 1 + config.buffers
         super().__init__(
             config,
             **dict.fromkeys(("new_batch", "load", "move", "still"), In(1)),
@@ -72,12 +72,13 @@ class RoiUpdater(Block):
     def elaborate(self, platform):
         config, corner = self.config, self.corner
         m = Module()
-        load = self.new_batch & self.load
+        asked = self.new_batch & self.load
+        load = delay(m, asked, config.buffers - 1, name="load", valid=True)  # with two the position has time
         gain, running = Signal.like(self.roi_gain), Signal(len(self.roi_gain))
         m.d.sync += [gain.eq(Mux(self.move, self.roi_gain, gain << 1)), running.eq((running << 1) | self.move)]
         with m.If(self.move & self.still):
             m.d.sync += gain.eq(0)
-        move = delay(m, running[-1], 1 + config.buffers, name="move", valid=True)
+        move = delay(m, running[-1], 2 * config.buffers, name="move", valid=True)
         still = dict.fromkeys(("x", "y"), Const(0, signed(config.formats.v.width)))
         v = still | {parameter.moves_roi: self.v[parameter.name] for parameter in config.motion_model.parameters}
         out_of_range, moved_out = [], []
@@ -90,24 +91,28 @@ class RoiUpdater(Block):
             step_s1 = Signal(signed(len(v[axis]) + len(gain)), name=f"step_{axis}_s1")
             target_s2 = Signal(signed(max(fmt.width, len(step_s1)) + 2), name=f"target_{axis}_s2", reset_less=True)
             limited = Signal(fmt.width, name=f"limited_{axis}")
-            with m.If(load | self.move):
+            with m.If(asked | self.move):
                 m.d.sync += step_s1.eq(0)
             with m.Elif(running.any()):
                 m.d.sync += step_s1.eq((step_s1 << 1) + Mux(gain[-1], v[axis], 0))  # stage 1, a cycle a bit
             m.d.sync += target_s2.eq(position + step_s1)  # stage 2
             # What lies in the last whole pixel, but on it, is beyond: no fraction need be compared.
             beyond = (target_s2 >> fmt.f) >= limit
-            m.d.comb += limited.eq(Mux(target_s2[-1], 0, Mux(beyond, largest, target_s2)))
+            # With two buffers the target stays meanwhile.
+            sides = delay(m, Cat(target_s2[-1], beyond), config.buffers - 1, name=f"sides_{axis}")
+            m.d.comb += limited.eq(Mux(sides[0], 0, Mux(sides[1], largest, target_s2)))
             out_of_range.append(wanted > limit)
-            moved_out.append((target_s2 < 0) | (target_s2 > largest))
+            start = delay(m, saturate(wanted, 0, limit), config.buffers - 1, name=f"start_{axis}")
+            out = (target_s2 < 0) | (target_s2 > largest)
+            moved_out.append(delay(m, out, config.buffers - 1, name=f"out_{axis}"))
 
             ahead, moved = position, limited
-            if config.buffers == 2:  # the last step is still there: two cycles later the target is the next one
+            if config.buffers == 2:  # the last step is still there: three cycles later the target is the next one
                 ahead = moved = Signal(fmt.width, name=f"ahead_{axis}")
                 m.d.sync += ahead.eq(limited)
             with m.If(load):
-                m.d.sync += position.eq(saturate(wanted, 0, limit) << fmt.f)
-            with m.Elif(move):  # stage 3, or 4
+                m.d.sync += position.eq(start << fmt.f)
+            with m.Elif(move):  # stage 3, or 5
                 m.d.sync += position.eq(moved)
             m.d.comb += corner.roi_next[axis].eq(round_half_up(ahead, fmt.f))
             if config.buffers == 2:

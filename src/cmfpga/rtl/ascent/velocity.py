@@ -5,7 +5,7 @@ from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
 from .. import Block
-from ..arithmetic import saturate
+from ..arithmetic import is_beyond, saturate
 from ..payloads import flow
 
 
@@ -78,7 +78,7 @@ class Velocity(Block):
             if hasattr(self, "warped"):
                 with m.If(self.probe.valid):
                     m.d.sync += self.warped[name].eq(self.probe.payload[name])
-            limited |= (target > fmt.max) | (target < fmt.min)
+            limited |= is_beyond(target, fmt.min, fmt.max)
         m.d.sync += self.moved.eq(self.move)
         with m.If(self.new_batch):
             m.d.sync += self.saturated.eq(0)

@@ -138,15 +138,17 @@ class Verdict(Block):
             program |= {begin + k: line for k, line in enumerate(lines)}
         total = self._multiply(m, step, program)
 
-        m.d.sync += self.done.eq(step == self.latency - 1)
-        with m.If(self.begin):
-            m.d.sync += step.eq(1)
-        with m.Elif(step != 0):
-            m.d.sync += step.eq(Mux(self.done, 0, step + 1))
+        running = Signal()
+        m.d.sync += [
+            self.done.eq(step == self.latency - 1),
+            running.eq(self.begin | (running & ~self.done)),
+            step.eq(Mux(self.done, 0, step + running) | self.begin),
+        ]
         # Pulses come from registers, for much hangs on them.
-        loads, keeps_a, keeps_c, keeps_b, ends = (
+        curves, loads, keeps_a, keeps_c, keeps_b, ends = (
             self._at(m, step, name, when)
             for name, when in (
+                ("curves", self._contrast - 2),
                 ("loads", self._contrast),
                 ("keeps_a", self._scale + 6),
                 ("keeps_c", self._scale + 8),
@@ -154,15 +156,11 @@ class Verdict(Block):
                 ("ends", self.latency),
             )
         )
-        with m.If(loads):
+        with m.If(curves):
             m.d.sync += [wide[name].eq(self.curvature[name]) for name in self.curvature.shape().members]
+        with m.If(loads):
             m.d.sync += wide["contrast"].eq(self.squares * config.geometry.pixels - total)
-        first = self._contrast + 1
-        for by, begin, count in ((4, first, self._fours), (1, first + self._fours, self._shifts - self._fours)):
-            due = self._at(m, step, f"due_{by}", *range(begin, begin + count))
-            full = Cat((value[-1 - by : -1] ^ value[-1].replicate(by)).any() for value in wide.values()).any()
-            with m.If(due & ~full):
-                m.d.sync += [value.eq(value << by) for value in wide.values()]
+        self._shift(m, step, wide)
         with m.If(keeps_a):
             m.d.sync += a.eq(total)
         with m.If(keeps_c):
@@ -180,6 +178,29 @@ class Verdict(Block):
             ]
         m.d.comb += self.doubtful.eq(negative.any() | ~some.any())
         return m
+
+    def _shift(self, m, step, wide):
+        """2. Whether a curvature fills its register is known a cycle ahead."""
+        first, contrast = self._contrast + 1, [wide["contrast"]]
+        curvatures = [value for name, value in wide.items() if name != "contrast"]
+
+        def full(values, by, moved=0):
+            """Whether one cannot be shifted by ``by``, when all have been by ``moved``."""
+            tops = (value[-1 - moved - by : len(value) - 1 - moved] ^ value[-1].replicate(by) for value in values)
+            return Cat(top.any() for top in tops).any()
+
+        fills, shifts = {by: Signal(name=f"fills_{by}") for by in (4, 1)}, {}
+        for by, begin, count in ((4, first, self._fours), (1, first + self._fours, self._shifts - self._fours)):
+            due = self._at(m, step, f"due_{by}", *range(begin, begin + count))
+            shifts[by] = due & ~(fills[by] | full(contrast, by))
+            with m.If(shifts[by]):
+                m.d.sync += [value.eq(value << by) for value in wide.values()]
+        for by, known in fills.items():
+            m.d.sync += known.eq(full(curvatures, by))
+            for moved, shift in shifts.items():
+                if moved >= by:  # first all shifts by four
+                    with m.If(shift):
+                        m.d.sync += known.eq(full(curvatures, by, moved))
 
     def _at(self, m, step, name, *when):
         """High in these steps, which begin at 2 at the earliest."""

@@ -51,10 +51,11 @@ class OnePassGradient(Block):
     def __init__(self, config, *, accumulator_latency):
         self.accumulator_latency = accumulator_latency
         self._turns = 1 << config.geometry.turn_bits
-        # Among four images wires are long: what is multiplied waits for a cycle, in the multipliers' own registers; and
-        # what the pairs add is added up in a cycle of its own.
-        self._waits = int(config.evaluators > 1)
-        self._stages = 2 * self._waits + 4  # multiply, add pairs, add both kinds of products, total
+        # In rounds what is multiplied waits for a cycle, in the multipliers' own registers. Among four images, whose
+        # wires are long, what the pairs add is added up in a cycle of its own, too.
+        self._waits = int(config.ascent_rule.evaluations > 1)
+        self._adds = int(config.evaluators > 1)
+        self._stages = self._waits + self._adds + 4  # multiply, add pairs, add both kinds of products, total
         self.moments = None
         if config.motion_model.basis:
             self.moments = Moments(config, payloads.growth(config))
@@ -86,7 +87,7 @@ class OnePassGradient(Block):
         grown, far = {}, {}
         for axis, pairs in (("x", ((0, 1), (2, 3))), ("y", ((0, 2), (1, 3)))):
             growth = [self._growth(m, axis, *pair) for pair in pairs]
-            grown[axis] = delay(m, growth[0] + growth[1], self._waits, name=f"grown_{axis}")
+            grown[axis] = delay(m, growth[0] + growth[1], self._adds, name=f"grown_{axis}")
             if self.config.motion_model.of_pixels:
                 far[axis] = self._far(m, axis, pairs, growth)
             if not self.moments:
@@ -110,7 +111,7 @@ class OnePassGradient(Block):
             ]
         if self.config.confidence:
             growth = [self._growth_of_squares(m, *pair) for pair in ((0, 1), (2, 3))]
-            grown = delay(m, growth[0] + growth[1], self._waits, name="grown_squares")
+            grown = delay(m, growth[0] + growth[1], self._adds, name="grown_squares")
             self._total(m, self.squares, grown, begin, "squares")
         last = delay(m, self.votes.valid & votes.last, self.latency - self._turns + 1, name="last", valid=True)
         turns = [last]  # each evaluation's, as long as there are others
@@ -211,7 +212,9 @@ class OnePassGradient(Block):
             )
             for n, step in ((a, first), (b, second))
         ]
-        difference_s1 = delay(m, first.i - second.i, 1 + waits, name=f"difference_{axis}_{a}")
+        # I waits before the subtraction, which is then the multiplier's own.
+        before, beside = (delay(m, step.i, waits, name=f"i_{axis}_{n}") for n, step in ((a, first), (b, second)))
+        difference_s1 = delay(m, before - beside, 1, name=f"difference_{axis}_{a}")
         d_s1 = delay(m, Mux(first.valid | second.valid, first.add[f"d{axis}"], 0), 1 + waits, name=f"d_{axis}_{a}")
         # Stage 2: their sum, and I·d of both.
         sum_s2 = delay(m, products_s1[0] + products_s1[1], 1, name=f"sum_{axis}_{a}")

@@ -1,11 +1,11 @@
 """Bilinear voter: spreads a warped event over four pixels, with the derivatives of each vote."""
 
-from amaranth.hdl import Const, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, floor_shift, half_of, round_half_up
 from .. import Block, payloads
-from ..arithmetic import delay, negative_where, partial_products, select, small_product
+from ..arithmetic import delay, negative_where, partial_products, select
 
 
 class BilinearVoter(Block):
@@ -13,7 +13,7 @@ class BilinearVoter(Block):
 
     A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
     dropped alone; with ``border = whole`` its event then changes no derivative. With fx, fy the fractions and one
-    product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have at most four bits), all others
+    product of each (fx·fy, dt·fx, dt·fy; the latter in LUTs if the fractions have at most four bits), all others
     follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
 
     One event per cycle; latency :attr:`latency` cycles.
@@ -65,7 +65,7 @@ class BilinearVoter(Block):
         shift = config.dt_frac + frac - config.derivative_frac
         dt_half_s1 = register(signed(config.formats.dt.width + frac + 1), "dt_half_s1")
         m.d.sync += [
-            fx_fy_s1.eq(small_product(fx, fy) if small else fx * fy),
+            fx_fy_s1.eq(fx * fy),
             fx_s1.eq(fx),
             fy_s1.eq(fy),
             rest_s1.eq(one - fx - fy),
@@ -113,17 +113,18 @@ class BilinearVoter(Block):
         row_s2, rows_inside = self._axis(m, "row", event.y >> frac, heights)
         counted = Const(1)
         if config.border == "whole":
-            counted = delay(m, columns_inside & rows_inside, 1, name="counted")
+            counted = delay(m, Cat(columns_inside, rows_inside).all(), 1, name="counted")
 
         # Stage 3: give each bank the corner of its parity.
-        valid_s2 = delay(m, valid, 2, name="valid", valid=True)
+        valid_s1 = delay(m, valid, 1, name="valid", valid=True)
+        valid_s2 = delay(m, valid_s1, 1, name="valid_s1", valid=True)
         for number in range(4):
             bank = self.o.payload.banks[number]
-            right, column, column_inside = column_s2[number & 1]
-            down, row, row_inside = row_s2[number >> 1]
+            (right, column), (down, row) = column_s2[number & 1], row_s2[number >> 1]
+            inside = valid_s1 & columns_inside[number & 1] & rows_inside[number >> 1]
             dx, dy = (Mux(far, slope[1], slope[0]) for far, slope in ((down, dx_s2), (right, dy_s2)))
             m.d.sync += [
-                bank.valid.eq(valid_s2 & column_inside & row_inside),
+                bank.valid.eq(delay(m, inside, 1, name=f"voted_{number}", valid=True)),
                 bank.address.eq((row << config.geometry.bank_column_bits) | column[: config.geometry.bank_column_bits]),
                 bank.i.eq(Mux(down, Mux(right, w_s2[1, 1], w_s2[0, 1]), Mux(right, w_s2[1, 0], w_s2[0, 0]))),
                 bank.dx.eq(negative_where(right, dx)),
@@ -163,25 +164,21 @@ class BilinearVoter(Block):
             m.d.sync += [located[name].eq(place_s2), located[odd].eq(delay(m, cell_s1[0], 1, name=odd))]
 
     def _axis(self, m, name, cell, sizes):
-        """For each parity of one axis: (is it the far corner, its bank coordinate, is it inside), at stage 2.
+        """For each parity of one axis: (is it the far corner, its bank coordinate), at stage 2.
 
-        And whether both are inside, a cycle earlier.
+        And for each whether it is inside, a cycle earlier.
         """
         cell_s1 = delay(m, cell, 1, name=name)
-        parities = []
-        both_inside = (cell_s1 >= 0) & (cell_s1 < select(self.level, [size - 1 for size in sizes]))
+        parities, insides = [], []
         # Of c and c + 1 the even one is 2·⌊(c + 1)/2⌋, the odd one 2·⌊c/2⌋ + 1.
         for parity, index in enumerate(((cell_s1 + 1) >> 1, cell_s1 >> 1)):
             far = Signal(name=f"{name}{parity}_far_s2", reset_less=True)
-            inside = Signal(name=f"{name}{parity}_inside_s2", reset_less=True)
             coordinate = Signal(range(max(2, (sizes[0] + 1) // 2)), name=f"{name}{parity}_s2", reset_less=True)
             lengths = [(size + 1 - parity) // 2 for size in sizes]
             # Whether the index is one: told by the cell, so that no comparison follows the adder.
-            from_0 = ~cell_s1[-1] if parity else ~cell_s1[-1] | cell_s1.all()
-            m.d.sync += [
-                far.eq(cell_s1[0] ^ parity),
-                inside.eq(from_0 & (cell_s1 < select(self.level, [2 * length - 1 + parity for length in lengths]))),
-                coordinate.eq(index),
-            ]
-            parities.append((far, coordinate, inside))
-        return parities, both_inside
+            from_0 = ~cell[-1] if parity else ~cell[-1] | cell.all()
+            inside = from_0 & (cell < select(self.level, [2 * length - 1 + parity for length in lengths]))
+            m.d.sync += [far.eq(cell_s1[0] ^ parity), coordinate.eq(index)]
+            parities.append((far, coordinate))
+            insides.append(delay(m, inside, 1, name=f"{name}{parity}_inside"))
+        return parities, insides

@@ -30,7 +30,8 @@ class HopControl(Block):
     would close before the last one is evaluated, or if the ring has no place. So hops follow from the sequence of
     events, and not from when they come.
 
-    One event per cycle; latency :attr:`latency` cycles. A hop's end costs a cycle, and two where it closes by time.
+    One event per cycle; latency :attr:`latency` cycles. A hop's end costs two cycles, and three where it closes by
+    time.
 
     Parameters
     ----------
@@ -99,8 +100,9 @@ class HopControl(Block):
         before, target, step = (Signal(config.time_bits, name=name) for name in ("before", "target", "step"))
         closes, stays, due, last, full = (Signal(name=name) for name in ("closes", "stays", "due", "last", "full"))
         keeps, kept = Signal(init=1), Signal()  # one in ``thinning``: of what comes next, and of what comes behind that
+        again = delay(m, self.closed, 1, name="closed", valid=True)  # what waits is judged again, for the next hop
         m.d.comb += [
-            moves.eq(~self.closed & (~valid_s3 | goes)),
+            moves.eq(~self.closed & ~again & (~valid_s3 | goes)),
             self.i.ready.eq(moves),
             self.waits.eq(valid_s1 | valid_s2 | valid_s3),
         ]
@@ -118,14 +120,12 @@ class HopControl(Block):
         with m.If(moves & valid_s1):
             m.d.sync += latest.eq(now)
 
-        # Stage 2: whether it lies in the ROI, and comes behind the hop. Where one has closed, again of what waits.
-        inside_s3, stays_s3, due_s3 = (
-            Signal(name=f"{name}_s3", reset_less=True) for name in ("inside", "stays", "due")
-        )
+        # Stage 2: whether it lies in the ROI, and comes behind the hop. Or again of what waits.
+        inside_s3, due_s3 = (Signal(name=f"{name}_s3", reset_less=True) for name in ("inside", "due"))
         timed, inside = Signal(), Signal()
-        event = Mux(self.closed, event_s3.as_value(), event_s2.as_value())
+        event = Mux(again, event_s3.as_value(), event_s2.as_value())
         event = data.View(payloads.undistorted_event(config), event)
-        back, now = Mux(self.closed, back_s3, back_s2), Mux(self.closed, now_s3, now_s2)
+        back, now = Mux(again, back_s3, back_s2), Mux(again, now_s3, now_s2)
         ends, sides = {}, []
         for axis, size in zip("xy", sizes, strict=True):
             ends[axis] = Signal(range((1 << len(roi[axis])) + size), name=f"end_{axis}")
@@ -133,10 +133,9 @@ class HopControl(Block):
         marks = [name for name in ("hot", "noise") if name in hop_counts(config).members]
         marked = Cat(event[name] for name in marks).any() if marks else 0
         m.d.comb += inside.eq(Cat(sides).all() & ~back & ~marked)
-        with m.If(moves | self.closed):
+        with m.If(moves | again):
             m.d.sync += [
                 inside_s3.eq(inside),
-                stays_s3.eq(inside & kept),
                 # Time never steps back here, so the sign tells.
                 due_s3.eq(timed & ~back & ~(now - target)[config.time_bits - 1]),
             ]
@@ -148,7 +147,7 @@ class HopControl(Block):
         longest = Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us)
         step_s1 = delay(m, step, 1, name="step")
         m.d.comb += self.step.eq(step_s1)
-        m.d.sync += self.stale.eq(step_s1 > longest)
+        m.d.sync += self.stale.eq(step_s1 > delay(m, longest, 1, name="longest"))
         most = config.max_batch_events
         # Flags: the next one that stays ends the hop; any is the last of so many; there is no place; a hop may close.
         ending, greatest, no_place, free = Signal(), Signal(init=most == 1), Signal(), Signal()
@@ -157,12 +156,12 @@ class HopControl(Block):
         marked = Cat(marks.values()).any() if marks else 0
         m.d.comb += [
             step.eq(self.now - before),
-            stays.eq(stays_s3),
+            stays.eq(inside_s3 & keeps),
             due.eq(due_s3),
             last.eq((stays & ending) | greatest),
             full.eq(stays & no_place),
             closes.eq(valid_s3 & (due | (last & ~full)) & free),
-            goes.eq(~due & ~full & ~self.closed & (~last | free)),
+            goes.eq(~due & ~full & ~self.closed & ~again & (~last | free)),
         ]
         gone = valid_s3 & goes
         m.d.sync += [
@@ -172,20 +171,17 @@ class HopControl(Block):
             others.eq(Mux(self.thinning == 0, 0, self.thinning - 1)),
             # As the oldest was a cycle ago: a place that has become free since is used a cycle later.
             no_place.eq(Mux(gone & stays, after == self.oldest, behind == self.oldest)),
-            free.eq(self.free & ~closes & ~self.closed),
+            free.eq(self.free & ~closes & ~self.closed & ~again),
         ]
         lost = {"events": 1, "fresh": stays, "outside": ~inside_s3 & ~back_s3 & ~marked}
         lost |= {"thinned": inside_s3 & ~stays, "time_back": back_s3} | marks
         grown = Signal(hop_counts(config), name="grown")  # two cycles later
         for name, which in lost.items():
             m.d.comb += grown[name].eq(counts[name] + delay(m, gone & which, 2, name=f"grows_{name}", valid=True))
-        counted = delay(m, self.closed, 1, name="closed", valid=True)
-        m.d.sync += counts.eq(Mux(counted, 0, grown.as_value()))
-        with m.If(counted):
+        m.d.sync += counts.eq(Mux(again, 0, grown.as_value()))
+        with m.If(again):
             m.d.sync += self.counts.eq(grown)
-        with m.If(closes):
-            m.d.sync += [taken.eq(0), greatest.eq(most == 1)]
-        with m.Elif(gone):
+        with m.If(gone):
             m.d.sync += [taken.eq(taken + 1), greatest.eq(taken == most - 2)]
         m.d.comb += kept.eq(keeps)
         with m.If(gone & inside_s3):
@@ -195,22 +191,18 @@ class HopControl(Block):
         with m.If(gone & stays):
             m.d.sync += [place.eq(behind), behind.eq(after), after.eq(after + 1)]
             m.d.sync += [left.eq(left - 1), ending.eq(left == 2)]
-        begins = [
-            roi.eq(self.corner),
-            *(ends[axis].eq(self.corner[axis] + size) for axis, size in zip("xy", sizes, strict=True)),
-            left.eq(lengths.hop_events),
-            ending.eq(lengths.hop_events == 1),
-        ]
         with m.If(closes):
+            m.d.sync += [self.end.eq(place + (stays & ~due)), self.now.eq(now_s3), before.eq(self.now)]
+        with m.If(self.closed | ~begun):  # the next hop begins
             m.d.sync += [
-                self.end.eq(place + (stays & ~due)),
-                self.now.eq(now_s3),
-                target.eq(now_s3 + lengths.hop_us),
-                before.eq(self.now),
-                *begins,
+                roi.eq(self.corner),
+                *(ends[axis].eq(self.corner[axis] + size) for axis, size in zip("xy", sizes, strict=True)),
+                target.eq(Mux(begun, self.now, self.i.payload.t) + lengths.hop_us),
+                left.eq(lengths.hop_events),
+                ending.eq(lengths.hop_events == 1),
+                taken.eq(0),
+                greatest.eq(most == 1),
             ]
         with m.If(~begun):
-            time = self.i.payload.t
-            m.d.sync += [*begins, self.now.eq(time), latest.eq(time), target.eq(time + lengths.hop_us)]
-            m.d.sync += begun.eq(self.i.valid)
+            m.d.sync += [self.now.eq(self.i.payload.t), latest.eq(self.i.payload.t), begun.eq(self.i.valid)]
         return m

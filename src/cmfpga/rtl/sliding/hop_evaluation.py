@@ -126,8 +126,10 @@ class HopEvaluation(Block):
         enough, held = Signal(), Signal()  # of the window; a judging round has been kept for it
         discard, none = Signal(), Signal()  # decided, and not enough; without an event
         final = Signal()
-        timer = Signal(range(max(self._move, 8)))
+        timer, ended = Signal(range(max(self._move, 8))), Signal()  # ended: where it is counted, it is 0
         judges = settings.judge if config.confidence else 0
+        following = Signal(len(self.iterations) + 1)  # if one more is done
+        after, follow = Signal(), Signal()  # settings allow for a judging round, for rounds that follow
         span, age, deciding = self._judge(m, enough, followed)
         ahead = Signal(config.span_bits + 2)
         last_step = Signal.like(hop.step)
@@ -140,9 +142,14 @@ class HopEvaluation(Block):
         m.d.comb += [
             self.cold.eq(run.plan == COLD),
             self.kept.eq(held & ~self.cold),
-            self.wants_verdict.eq(judges & ((run.plan == AFTER) | ~self.kept)),
         ]
-        m.d.sync += final.eq((run.plan == AFTER) | (self.iterations + 1 == run.planned))
+        m.d.sync += [
+            self.wants_verdict.eq(judges & ((run.plan == AFTER) | ~self.kept)),
+            following.eq(self.iterations + 1),
+            final.eq((run.plan == AFTER) | (following == delay(m, run.planned, 1, name="planned"))),
+            after.eq(judges & (settings.after.count != 0)),
+            follow.eq(settings.follow.count != 0),
+        ]
         if config.confidence:
             m.d.comb += run.final.eq(final)
         another = self.complete & self.iterating & ~final & (run.plan != AFTER)
@@ -159,9 +166,9 @@ class HopEvaluation(Block):
             m.d.sync += [decided.eq(1), discard.eq(~enough)]
         with m.If(self.walked):
             m.d.sync += [self.closed.eq(0), decided.eq(0), discard.eq(0)]
-        following = Signal()
-        m.d.comb += following.eq(run.updated)
-        m.d.sync += self.next.eq(following)
+        other = Signal()
+        m.d.comb += other.eq(run.updated)
+        m.d.sync += self.next.eq(other)
         # The last reference time lies half a unit behind the last window's first event.
         half, first = Signal(config.span_bits - 1), Signal.like(hop.t_first)
         m.d.sync += none.eq(hop.count == 0)
@@ -172,7 +179,7 @@ class HopEvaluation(Block):
         m.d.comb += self.begins.eq(fresh & self.offered & self.cleared)
         with m.If(fresh):
             m.d.sync += [run.settings.eq(self.given), fresh.eq(~self.begins)]
-        m.d.sync += [run.take.eq(0), self.divide.eq(0), judging.eq(0)]
+        m.d.sync += [run.take.eq(0), self.divide.eq(0), judging.eq(0), ended.eq(0)]
         begin = [run.take.eq(1), self.divide.eq(1)]
         with m.FSM(name="evaluate") as machine:
             with m.State("OPEN"):
@@ -183,12 +190,12 @@ class HopEvaluation(Block):
                 m.d.sync += timer.eq(7)
                 m.next = "LOADED"
             with m.State("LOADED"):
-                m.d.sync += timer.eq(timer - 1)
-                with m.If(timer == 0):
+                m.d.sync += [timer.eq(timer - 1), ended.eq(timer == 1)]
+                with m.If(ended):
                     m.d.sync += self.opened.eq(1)
                     m.next = "AHEAD"
             with m.State("AHEAD"):
-                m.d.comb += follows.eq(followed & (settings.follow.count != 0))
+                m.d.comb += follows.eq(followed & follow)
                 m.d.sync += [self.iterations.eq(0), self.degenerate.eq(0)]
                 m.d.sync += self.unit.eq(Mux(ahead == 0, 1, Mux(ahead >> config.span_bits != 0, ~0, ahead)))
                 m.next = "WAIT"
@@ -215,15 +222,15 @@ class HopEvaluation(Block):
                     with m.If(none):
                         m.next = "RESULT"
                     with m.Elif(self.summed):
-                        m.d.comb += following.eq(1)
+                        m.d.comb += other.eq(1)
                         m.next = "RESULT"
                 with m.Elif(run.updated):
                     m.d.sync += self.iterations.eq(self.iterations + 1)
                     with m.If(final):
                         m.next = "MOVE"
             with m.State("MOVE"):
-                m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
-                with m.If((timer == 0) & (self.judged | ~self.wants_verdict)):
+                m.d.sync += [timer.eq(Mux(timer == 0, 0, timer - 1)), ended.eq(timer <= 1)]
+                with m.If(ended & (self.judged | ~self.wants_verdict)):
                     m.next = "RESULT"
             with m.State("RESULT"):
                 m.d.comb += run.done.eq(self.drained)
@@ -232,13 +239,13 @@ class HopEvaluation(Block):
                     m.d.comb += walks.eq(1)
                     m.next = "WALK"
                     with m.If(~self.degenerate):
-                        with m.If(judges & (settings.after.count != 0)):
+                        with m.If(after):
                             m.d.comb += walks.eq(0)
                             m.d.sync += [run.plan.eq(AFTER), run.take.eq(1)]
                             m.next = "AFTER"
             with m.State("AFTER"):
-                m.d.sync += [timer.eq(timer - 1), judging.eq(timer == 1)]
-                with m.If(timer == 0):
+                m.d.sync += [timer.eq(timer - 1), ended.eq(timer == 1), judging.eq(timer == 1)]
+                with m.If(ended):
                     m.next = "JUDGE"
             with m.State("JUDGE"):
                 done = Signal()
@@ -252,8 +259,8 @@ class HopEvaluation(Block):
                 with m.If(self.walked):
                     m.next = "MEASURE"
             with m.State("MEASURE"):  # how far ahead the next window's end will be
-                m.d.sync += timer.eq(timer - 1)
-                with m.If(timer == 0):
+                m.d.sync += [timer.eq(timer - 1), ended.eq(timer == 1)]
+                with m.If(ended):
                     m.next = "AHEAD"
         m.d.comb += closing.eq(Cat(map(machine.ongoing, ("AHEAD", "WAIT", "TAKE", "DIVIDE", "ROUNDS"))).any())
         # A cycle after the result is taken, for much hangs on it.

@@ -36,7 +36,7 @@ class Ring(Block):
     One event per cycle in and out, as long as there is ``room`` for what comes out. An event can be read
     :attr:`write_latency` cycles after it came. The first one appears :attr:`latency` cycles after ``replay``; the last
     one :attr:`write_latency` + :attr:`latency` cycles after it came, at most, if no replay is late and ``closed`` comes
-    with it. Where evaluations of an event take turns, an event comes out in the first cycle of each turn.
+    a cycle later. Where evaluations of an event take turns, an event comes out in the first cycle of each turn.
 
     Parameters
     ----------
@@ -50,10 +50,11 @@ class Ring(Block):
     written : ``Out``
         Place behind the newest event that can be read.
     replay : ``In(1)``
-        Begin a replay at ``first``. Not while one is under way.
+        Begin a replay at ``first``, right from two cycles before on. Not while one is under way, nor in the two cycles
+        after it.
     closed, end : ``In(1)``, ``In``
-        The window under way ends before the place ``end``, from now on until the next ``replay``; no later than any
-        event behind it can be read.
+        The window under way ends before the place ``end``, from now on until the next ``replay``; earlier than any
+        event behind it can be read. ``end`` is right from a cycle before on.
     room : ``In(1)``
         Where it is low, the replay pauses.
     look : ``In``
@@ -94,29 +95,38 @@ class Ring(Block):
         m.d.sync += [write.en.eq(self.i.valid), write.data.eq(self.i.payload)]
         m.d.sync += [write.addr.eq(write.addr + write.en), self.written.eq(self.written + write.en)]
 
-        # Stage 1: place, and what follows it.
-        reading_s1 = Signal()
-        address_s1 = Signal.like(self.first)
-        next_s1 = Signal.like(self.first)
-        last_s1 = Signal()
-        there = Signal()
-        goes = Signal()
+        # Stage 1: place. What decides stands in registers, for much hangs on it: whether the event there can be read,
+        # the one behind it too, and whether it is the last.
+        names = ("reading_s1", "closed", "some", "more", "ends", "last_s1", "goes")
+        reading_s1, closed, some, more, ends, last_s1, goes = (Signal(name=name) for name in names)
+        # ``held``: events that can be read, from that place on.
+        address_s1, next_s1, held = (Signal.like(self.first, name=name) for name in ("address_s1", "next_s1", "held"))
         turn = 0
         if self.config.geometry.turn_bits:
             turn = Signal(self.config.geometry.turn_bits)
             m.d.sync += turn.eq(Mux(self.replay, 0, turn + 1))
         m.d.comb += [
-            last_s1.eq(self.closed & (next_s1 == self.end)),
-            there.eq((address_s1 != self.written) & (last_s1 | (next_s1 != self.written))),
-            goes.eq(reading_s1 & self.room & (turn == 0) & there),
+            last_s1.eq(closed & ends),
+            goes.eq(reading_s1 & self.room & (turn == 0) & some & (last_s1 | more)),
             self.idle.eq(~reading_s1),
         ]
-        with m.If(self.replay):
-            m.d.sync += [reading_s1.eq(1), address_s1.eq(self.first), next_s1.eq(self.first + 1)]
-        with m.Elif(goes):
-            m.d.sync += [reading_s1.eq(~last_s1), address_s1.eq(next_s1), next_s1.eq(next_s1 + 1)]
-        with m.Elif(self.closed & (address_s1 == self.end)):  # a window without events
-            m.d.sync += reading_s1.eq(0)
+        last = delay(m, (self.end - 1)[: len(self.end)], 1, name="last_place")
+        empty, comes = delay(m, address_s1 == self.end, 1, name="empty"), write.en
+        m.d.sync += [
+            closed.eq(self.closed),
+            ends.eq(Mux(goes, next_s1 == last, address_s1 == last)),
+            some.eq(comes | Mux(goes, held > 1, held != 0)),
+            more.eq(Mux(goes, (held > 2) | ((held > 1) & comes), (held > 1) | ((held != 0) & comes))),
+        ]
+        with m.If(~reading_s1):  # where the next replay begins
+            m.d.sync += [address_s1.eq(self.first), next_s1.eq(self.first + 1)]
+            m.d.sync += [held.eq(self.written - address_s1 + comes), reading_s1.eq(self.replay)]
+        with m.Else():
+            m.d.sync += held.eq(Mux(goes, Mux(comes, held, held - 1), held + comes))  # only a choice hangs on ``goes``
+            with m.If(goes):
+                m.d.sync += [address_s1.eq(next_s1), next_s1.eq(next_s1 + 1)]
+            with m.If((goes & last_s1) | (closed & empty)):  # or a window without events
+                m.d.sync += reading_s1.eq(0)
 
         # Stage 2: the memory's own register. Stage 3: its output register.
         m.d.comb += read.addr.eq(Mux(reading_s1, address_s1, self.look))
