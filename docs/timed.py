@@ -98,7 +98,7 @@ def motions_table():
 
 def regions_table():
     """Resources of hardware of many regions, and of one of its units."""
-    what = {"flow, a unit": "a unit by itself", "flow, one unit": "`flow` with one unit", "flow": "`flow`: four units"}
+    what = {"flow, a unit": "a unit by itself", "flow, one unit": "`flow` with one unit", "flow": "`flow`: five units"}
     rows = [(what[name], *_estimated(row)) for name, row in RESOURCES["regions"].items()]
     return f"{table(('', *ESTIMATED.values()), rows, right=(1, 2, 3, 4, 5))}\nEstimates by Yosys, without AXI.\n"
 

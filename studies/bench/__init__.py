@@ -43,7 +43,7 @@ def _parser():
         "--runs", type=cli.positive, metavar="R", help="timed runs of each program (default: 15; quick: 5)"
     )
     cli.add_clock_option(made)
-    made.add_argument("--flow", action="store_true", help="dense flow instead, of 1, 2, 4 and 8 units (quick: 4)")
+    made.add_argument("--flow", action="store_true", help="dense flow instead, of 1, 2, 4, 5 and 8 units (quick: 5)")
     made.add_argument(
         "--sensor", type=cli.pair("W,H"), metavar="W,H",
         help="--flow: of a synthetic window of this sensor, with the tiles and events that flow takes; 3 and 4 units",

@@ -40,7 +40,7 @@ def run(options, missing, *, runs, seconds):
     tiles, and the events of a window, that ``flow`` takes.
     """
     sensor, clock = options.sensor, options.clock
-    units = (3, 4) if sensor else (4,) if options.quick else (1, 2, 4, 8)
+    units = (3, 4) if sensor else (5,) if options.quick else (1, 2, 4, 5, 8)
     if why := cannot_compile():
         missing.append(f"{why}: the hardware's cycles are not measured")
         units = ()

@@ -183,7 +183,8 @@ def test_tiles_and_store_by_sensor(sensor, tile, step, regions, events, bins):
     config, tiles, notes = configure(source, "flow", {}, None, None, str)
     assert (tiles.width, tiles.columns[1]) == (tile, step) and len(tiles.regions) <= config.regions == regions
     assert (config.max_batch_events, config.bin_bits) == (events, bins)
-    assert 2 * -(-config.store.pages * 32 // 4096) <= 64
+    readers = config.store.readers
+    assert readers * 2 * -(-config.store.pages * 32 // 4096) + 2 * config.units * (readers > 1) <= 64
     assert len(notes) == (sensor != (240, 180))
     for built in notes:
         words = built.partition("the hardware: cmfpga build --preset flow ")[2].split()[1::2]

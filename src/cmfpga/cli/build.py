@@ -24,7 +24,7 @@ EXAMPLES = (
     "cmfpga build                                     # preset fast, into ./build",
     "cmfpga build --preset fast-128 --out build-128",
     "cmfpga build --preset paper --resources --out build-paper",
-    "cmfpga build --preset flow --out build-flow       # many regions, four units",
+    "cmfpga build --preset flow --out build-flow       # many regions, five units",
     "cmfpga build --top kv260                         # with AXI ports and registers, for Vivado",
     "cmfpga build --place LFE5U-85F --seeds 5          # clock and area by an open flow",
     "cmfpga build --top ulx3s --bitstream              # a whole bitstream by open tools",

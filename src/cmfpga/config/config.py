@@ -129,7 +129,9 @@ class Config:
     units: int = _field(1, "units that iterate over regions side by side", low=1, high=64)
     slices: int = _field(1, "slices of a window, each of which gives results: windows overlap", low=1, high=16)
     bin_bits: int = _field(4, "bins of the store of events are 2^bin_bits px wide", low=2, high=12)
-    store_style: str = _field("auto", "kind of RAM of that store", choices=("auto", "ultra"))
+    store_style: str = _field(
+        "auto", "RAM of that store; above four units, of event buffers", choices=("auto", "ultra")
+    )
 
     # Ascent
     gradient: str = _field("sweep", "gradient architecture", choices=tuple(GRADIENTS))

@@ -43,7 +43,7 @@ PRESETS = {
     # warm: from the coarse tile's v to a tile's own; the limit: what a tile of few events can reach. Figures:
     # docs/flow.md.
     "flow": _FAST.replace(
-        evaluators=4, regions=192, units=4, store_style="ultra", undistortion="on", max_batch_events=32767,
+        evaluators=4, regions=192, units=5, store_style="ultra", undistortion="on", max_batch_events=32767,
         min_roi_events=30, warm="0:1:1 0:3/4:1/2 0:3/4:1/4", confidence_limit=12.0,
     ),
     "objects": _FAST.replace(regions=32, units=2, max_batch_events=32767, bin_bits=5, store_style="ultra"),

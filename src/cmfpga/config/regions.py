@@ -6,6 +6,9 @@ from ..fixed import bits_for
 #: Events of a page of the store; a bin's last page may be part empty.
 PAGE_EVENTS = 32
 
+#: Units that one reader of the store keeps busy.
+READER_UNITS = 4
+
 #: Largest batch that a store holds, in events.
 MOST_STORED = 1 << 18
 
@@ -20,6 +23,7 @@ class Regions:
         self.bins = self.rows << self.column_bits  #: words of a table of bins, those unused included
         #: Pages that no batch can exceed: each bin leaves at most one of them part empty.
         self.pages = (config.max_batch_events + self.columns * self.rows * (PAGE_EVENTS - 1)) // PAGE_EVENTS
+        self.readers = -(-config.units // READER_UNITS)  #: distributors, each with a store of its own
         self.number_bits = bits_for(max(1, config.regions) - 1)  #: of a region's number
 
 

@@ -20,9 +20,10 @@ TILE = 32
 #: Sizes of a tile, of which the first one is taken that a table of regions holds: HD has 48 px.
 SIZES = (TILE, 48, 64)
 
-#: Up to so many pixels: events of the largest window, and the width of the store's bins, 2^bits px. The store takes at
-#: most the 64 UltraRAMs of a KV260: 2 memories of events of 4096 words, where each bin leaves a page part empty.
-STORES = ((1 << 16, 32_767, 4), (1 << 17, 65_535, 4), (1 << 21, 98_303, 5))
+#: Up to so many pixels: events of the largest window, the width of the store's bins, 2^bits px, and units at most.
+#: They take at most the 64 UltraRAMs of a KV260: a store has 2 memories of events of 4096 words, where each bin leaves
+#: a page part empty; more than four units need two stores, and their event buffers lie in UltraRAM, too.
+STORES = ((1 << 16, 32_767, 4, 5), (1 << 17, 65_535, 4, 4), (1 << 21, 98_303, 5, 4))
 
 
 @dataclass(frozen=True)
@@ -111,8 +112,9 @@ def fitting(config, most, tile=None, step=None):
 def store_fields(config, given):
     """The fields of the store that suit a sensor, as of :data:`STORES`, without those ``given``."""
     pixels = config.sensor_width * config.sensor_height
-    events, bits = next((tuple(rest) for most, *rest in STORES if pixels <= most), STORES[-1][1:])
+    events, bits, units = next((tuple(rest) for most, *rest in STORES if pixels <= most), STORES[-1][1:])
     fields = {"max_batch_events": max(events, config.max_batch_events), "bin_bits": max(bits, config.bin_bits)}
+    fields["units"] = min(units, config.units)
     return {name: value for name, value in fields.items() if name not in given}
 
 

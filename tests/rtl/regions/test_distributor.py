@@ -157,14 +157,14 @@ def test_each_row_once_and_in_order(family, step):
 
 
 MUTANTS = {
-    "a busy unit": ("with m.If(free.any()):", "with m.If(1):"),
+    "a busy unit": ("with m.If(free.any() & self.may):", "with m.If(1):"),
     "not the idle one": ("free = Mux(idle.any(), idle, ready)", "free = ready"),
     "two units": ("chosen = free & (~free + 1)[: config.units]", "chosen = free"),
     "handed to another unit": ("self.commit.eq(unit)", "self.commit.eq(~unit)"),
-    "a row again and again": ("current.eq(current + 1)", "current.eq(current)"),
-    "a row left out": ("current.eq(current + 1)", "current.eq(current + 2)"),
-    "the last row left out": ("current + 1 >= settings.rows", "current + 2 >= settings.rows"),
-    "a row too many": ("current + 1 >= settings.rows", "current >= settings.rows"),
+    "a row again and again": ("current.eq(current + store.readers)", "current.eq(current)"),
+    "a row left out": ("current.eq(current + store.readers)", "current.eq(current + 2)"),
+    "the last row left out": ("current + store.readers >= settings.rows", "current + 2 >= settings.rows"),
+    "a row too many": ("current + store.readers >= settings.rows", "current >= settings.rows"),
     "before its outcome of the batch before": ("there.eq(source.turn != self.turn)", "there.eq(1)"),
     "before its parent": ("Mux(of_parent, measured & ~there", "Mux(of_parent, 1"),
     "the row that was looked up before": ("timer.eq(3), measured.eq(0)", "timer.eq(3)"),

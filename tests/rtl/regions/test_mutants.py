@@ -6,6 +6,7 @@ import functools
 import numpy as np
 import pytest
 
+from cmfpga.config import regions as sizes
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.rtl.regions import collector, distributor, regions, store, unit
@@ -46,6 +47,14 @@ MUTANTS = {  # module, old, new
     "the last one is not": (collector, "done + 1 >= batch", "done >= batch"),
     "a row keeps its state": (regions, "write.valid & write.payload.fresh", "0"),
 }  # fmt: skip
+#: Of two distributors, each with a store.
+SEVERAL = {
+    "two begin the same unit": (distributor, "free.any() & self.may", "free.any()"),
+    "a turn too early": (regions, "turn == 2 * number", "turn == number"),
+    "another one's events": (regions, "loads.eq(which)", "loads.eq(0)"),
+    "rows given out twice": (distributor, "current.eq(self._first)", "current.eq(0)"),
+    "a row for one that has none": (distributor, "settings.rows <= self._first", "0"),
+}
 
 
 def windows():
@@ -71,14 +80,14 @@ SETTINGS = dataclasses.replace(settings(CONFIG, roi_gain=CONFIG.formats.roi_gain
 
 
 @functools.cache
-def wanted():
+def wanted(rows=None):
     model = model_of(CONFIG)
-    model.write(TABLE)
+    model.write(TABLE[:rows])
     return [model.run(*window, SETTINGS).regions for window in windows()]
 
 
-def run():
-    check_amaranth(CONFIG, TABLE, windows(), SETTINGS, wanted(), names=NAMES, limit=4_500, stalls=2)
+def run(config=CONFIG, rows=None):
+    check_amaranth(config, TABLE[:rows], windows(), SETTINGS, wanted(rows), names=NAMES, limit=4_500, stalls=2)
 
 
 def test_without_a_mutant():
@@ -91,3 +100,28 @@ def test_a_broken_block_is_noticed(name, monkeypatch):
     break_blocks(monkeypatch, *MUTANTS[name])
     with pytest.raises(AssertionError):
         run()
+
+
+@pytest.fixture
+def run_several(monkeypatch):
+    """One row, which the second distributor has no part of, then five."""
+    monkeypatch.setattr(sizes, "READER_UNITS", 1)
+
+    def play():
+        for rows in (1, None):
+            config = CONFIG.replace(min_roi_events=2)
+            assert config.store.readers == config.units == 2
+            run(config, rows)
+
+    return play
+
+
+def test_several_without_a_mutant(run_several):
+    run_several()
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_a_broken_one_of_several_is_noticed(name, monkeypatch, run_several):
+    break_blocks(monkeypatch, *SEVERAL[name])
+    with pytest.raises(AssertionError):
+        run_several()

@@ -65,9 +65,9 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     assert main(["--flow", "--quick", "--runs", "1", "--clock", "100", "--json", str(path)]) == 0
     told, report = capsys.readouterr().out, json.loads(path.read_text(encoding="utf-8"))
     (row,) = report["hardware"]
-    assert row["units"] == 4 and 0.3 < row["busy"] <= 1 and row["cycles"] > 6000
+    assert row["units"] == 5 and 0.3 < row["busy"] <= 1 and row["cycles"] > 6000
     assert row["events_per_s"] == pytest.approx(6000 * row["fields_per_s"])
     assert row["fields_per_s"] == pytest.approx(100e6 / row["cycles"])
     assert f"{row['cycles']:,.0f}" in told and "assumed 100 MHz" in told
     for one in report["programs"][:2]:
-        assert f"4 units are {one['seconds']['median'] * row['fields_per_s']:.1f} × as fast as {one['name']}" in told
+        assert f"5 units are {one['seconds']['median'] * row['fields_per_s']:.1f} × as fast as {one['name']}" in told

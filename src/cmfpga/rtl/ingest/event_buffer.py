@@ -87,8 +87,11 @@ class EventBuffer(Block):
         # Rotated addresses are of all those bits.
         words = 1 << bits_for(depth - 1) if thins(self.config) else depth
         ports = []
+        # With several stores there are so many units that block RAM is short.
+        several = self.config.regions and self.config.store.readers > 1
+        style = {"ram_style": "ultra"} if several and self.config.store_style == "ultra" else {}
         for number in range(self.config.buffers):
-            events = memory.Memory(shape=payloads.roi_event(self.config), depth=words, init=[])
+            events = memory.Memory(shape=payloads.roi_event(self.config), depth=words, init=[], attrs=style)
             ports.append((events.write_port(), events.read_port()))
             m.submodules[f"events_{number}"] = events
 

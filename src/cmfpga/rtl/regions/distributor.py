@@ -1,4 +1,4 @@
-"""Distributor: goes through the table of regions, and gives each region's events to a unit."""
+"""Distributor: goes through its rows of the table of regions, and gives each region's events to a unit."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import stream
@@ -18,7 +18,7 @@ def place_of(position):
 
 
 class Distributor(Block):
-    """Row by row, in a state machine.
+    """Row by row, in a state machine; one of several has every so manyth row.
 
     IDLE
         Wait for a batch.
@@ -34,13 +34,20 @@ class Distributor(Block):
     DRAIN
         Wait for their events, which are cropped; hand the region over.
     CLEAR
-        All rows are handed over: forget the events, while the last ones are iterated.
+        All its rows are handed over: forget the events, while the last ones are iterated.
     REST
         Wait until the outcomes are those of this batch, so that no more than two are under way.
 
     A region of n events in b bins takes n' + b + 16 cycles or less, two more with a parent, n' being the events in all
     its bins and an empty bin counting as five, and more only while it waits for a unit, for its parent, or for its own
     outcome in the batch before.
+
+    Parameters
+    ----------
+    config : Config
+        With ``store.readers`` distributors.
+    first : int
+        Its first row; the next one is ``readers`` further.
 
     Members
     -------
@@ -65,20 +72,24 @@ class Distributor(Block):
         Events of a region; position in the unit's image.
     ready, idle : ``In``
         A bit for each unit.
+    may : ``In(1)``
+        A unit may be begun. With several distributors in turn, so that no two begin the same one.
     begin, commit : ``Out``
-        The same; one cycle.
+        A bit for each unit; one cycle.
     job : ``Out``, :func:`payloads.job`
         With ``commit``.
     begun : ``In(1)``
         All outcomes of the batch before have been taken.
     """
 
-    def __init__(self, config):
+    def __init__(self, config, first=0):
+        self._first = first
         units, bins = config.units, bits_for(config.store.bins - 1)
         super().__init__(
             config,
             **dict.fromkeys(("take", "divided", "busy", "cleared", "begun"), In(1)),
             **dict.fromkeys(("free", "divide", "turn", "clear"), Out(1)),
+            may=In(1, init=1),
             settings=In(common.settings(config)),
             number=Out(config.store.number_bits),
             row=In(payloads.row(config)),
@@ -117,7 +128,7 @@ class Distributor(Block):
         # Of the row that is given out, while the next one is looked up: that it was the last, that it is past.
         was_last, given_out = Signal(), Signal()
         m.d.sync += [
-            last_row.eq(current + 1 >= settings.rows),
+            last_row.eq(current + store.readers >= settings.rows),
             within.eq((column <= last_bin["x"]) & (line <= last_bin["y"])),
             last_column.eq(column >= last_bin["x"]),
             last_of_all.eq((column >= last_bin["x"]) & (line >= last_bin["y"])),
@@ -148,7 +159,7 @@ class Distributor(Block):
         with m.FSM(name="distribute"):
             with m.State("IDLE"):
                 m.d.comb += self.free.eq(1)
-                m.d.sync += [current.eq(0), of_parent.eq(0)]
+                m.d.sync += [current.eq(self._first), of_parent.eq(0)]
                 with m.If(self.take):
                     m.d.sync += self.turn.eq(~self.turn)
                     m.next = "TAKEN"
@@ -159,6 +170,9 @@ class Distributor(Block):
                 m.d.sync += [timer.eq(3), measured.eq(0)]
                 with m.If(self.divided):
                     m.next = "ROW"
+                    m.d.comb += self.clear.eq(settings.rows <= self._first)
+                    with m.If(self.clear):  # no row is its own
+                        m.next = "CLEAR"
             with m.State("ROW"):
                 m.d.sync += measured.eq((timer == 0) & there)
                 look()
@@ -183,7 +197,7 @@ class Distributor(Block):
                 ]
                 for axis in ("x", "y") if "middle" in job.shape().members else ():
                     m.d.sync += job.middle[axis].eq(row.begin[axis] + row.end[axis] - 1)
-                with m.If(free.any()):
+                with m.If(free.any() & self.may):
                     m.d.comb += self.begin.eq(chosen)
                     m.d.sync += [unit.eq(chosen), reading.eq(1)]
                     m.next = "BINS"
@@ -195,7 +209,7 @@ class Distributor(Block):
             with m.State("DRAIN"):  # long enough for the next row to be looked up
                 m.d.sync += [measured.eq(there), given_out.eq(1)]
                 with m.If(~given_out):
-                    m.d.sync += [was_last.eq(last_row), current.eq(current + 1), of_parent.eq(0)]
+                    m.d.sync += [was_last.eq(last_row), current.eq(current + store.readers), of_parent.eq(0)]
                 with m.If(self.busy):
                     m.d.sync += timer.eq(4)
                 with m.Elif(timer == 0):

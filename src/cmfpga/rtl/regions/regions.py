@@ -1,12 +1,12 @@
 """Regions: events in, the motion of many regions of each batch out."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import memory, stream
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .. import Block
 from .. import payloads as common
-from ..arithmetic import delay
+from ..arithmetic import delay, select
 from ..ingest import connect_front, make_front, write_ports
 from ..ingest.ingest_control import IngestControl
 from ..ingest.reciprocal import Reciprocal
@@ -18,6 +18,11 @@ from .distributor import Distributor
 from .slices import Slices
 from .store import Store
 from .unit import Unit
+
+
+def _numbered(name, blocks):
+    """``{name: block}`` of one, ``{name_k: block}`` of several."""
+    return {f"{name}_{k}" if len(blocks) > 1 else name: block for k, block in enumerate(blocks)}
 
 
 class Regions(Block):
@@ -33,7 +38,9 @@ class Regions(Block):
     (:class:`cmfpga.protocol.regions.Region`). Results come in the order in which units finish; each has its region's
     number. A result does not depend on that order, nor on how fast events come or results go.
 
-    One event per cycle at ingest, while the batch before is measured.
+    One event per cycle at ingest, while the batch before is measured. Where the units are more than one store can feed
+    (:data:`cmfpga.config.regions.READER_UNITS`), there are several, all with the same events, and each with a
+    distributor that goes through a part of the rows.
 
     Members
     -------
@@ -59,12 +66,13 @@ class Regions(Block):
     def __init__(self, config):
         self.front = make_front(config)
         self.roi_filter = RoiFilter(config, config.geometry.size)
-        self.store = Store(config)
-        self.drain = sum(block.latency for block in (*self.front.values(), self.roi_filter, self.store)) + 1
+        readers = range(config.store.readers)
+        self.stores, self.distributors = [Store(config) for _ in readers], [Distributor(config, k) for k in readers]
+        self.drain = sum(block.latency for block in (*self.front.values(), self.roi_filter, self.stores[0])) + 1
         self.ingest_control = IngestControl(config, drain=self.drain)
         self.slices = Slices(config) if config.slices > 1 else None
         self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
-        self.distributor, self.collector = Distributor(config), Collector(config)
+        self.collector = Collector(config)
         self.units = [Unit(config) for _ in range(config.units)]
         members = {
             "i": In(stream.Signature(common.event(config))),
@@ -83,13 +91,15 @@ class Regions(Block):
     def boxes(self):
         """What stands directly in it, by name, in the order of data flow."""
         units = {f"unit_{number}": unit for number, unit in enumerate(self.units)}
-        names = ("roi_filter", "store", "reciprocal", "distributor")
-        return boxes_of(self, "slices", "ingest_control", self.front, *names, units, "collector")
+        stores, distributors = _numbered("store", self.stores), _numbered("distributor", self.distributors)
+        names = ("slices", "ingest_control", self.front, "roi_filter", stores, "reciprocal", distributors, units)
+        return boxes_of(self, *names, "collector")
 
     @property
     def blocks(self):
-        """The same, but in place of the units what one of them is made of."""
-        return {name: block for name, block in self.boxes.items() if block not in self.units} | self.units[0].blocks
+        """The same, but one store and one distributor, and in place of the units what one of them is made of."""
+        several = (*self.stores[1:], *self.distributors[1:], *self.units)
+        return {name: block for name, block in self.boxes.items() if block not in several} | self.units[0].blocks
 
     @property
     def latencies(self):
@@ -117,25 +127,29 @@ class Regions(Block):
 
     def _ingest(self, m):
         """Filter, undistort, store, measure the time range."""
-        control, store, handover = self.ingest_control, self.store, self.ingest_control.handover
+        control, handover = self.ingest_control, self.ingest_control.handover
         slices = self.slices
         connect(m, flipped(self.i), slices.i if slices else control.i)
         connect_front(
             m, self, control.o, self.roi_filter.i, settings=self.settings, start=handover.opened, clear=control.clear
         )
-        connect(m, self.roi_filter.o, store.i)
         connect(m, self.roi_filter.measured, control.measured)
         m.d.comb += [
             control.settings.eq(self.settings),
             self.roi_filter.start.eq(handover.opened),
-            store.open.eq(handover.opened),
-            store.take.eq(handover.take),
-            store.reset.eq(control.clear),
-            handover.free.eq(self.distributor.free),
+            handover.free.eq(Cat(distributor.free for distributor in self.distributors).all()),
             handover.settled.eq(1),
             self.opened.eq(handover.opened),
             self.take.eq(handover.take),
         ]
+        for store in self.stores:
+            m.d.comb += [
+                store.i.payload.eq(self.roi_filter.o.payload),
+                store.i.valid.eq(self.roi_filter.o.valid),
+                store.open.eq(handover.opened),
+                store.take.eq(handover.take),
+                store.reset.eq(control.clear),
+            ]
         if slices:
             connect(m, slices.o, control.i)
             m.d.comb += [
@@ -144,7 +158,7 @@ class Regions(Block):
                 control.settings.batch_events.eq(0),  # what ends slices ends windows
             ]
         # What is cleared after a reset is not ready at once.
-        parts = {"store": store.cleared, **{f"unit_{k}": unit.cleared for k, unit in enumerate(self.units)}}
+        parts = {name: block.cleared for name, block in self.boxes.items() if block in (*self.stores, *self.units)}
         if "background_filter" in self.front:
             parts["background_filter"] = self.front["background_filter"].cleared
         all_of_them = 1
@@ -168,7 +182,7 @@ class Regions(Block):
             row_port.en.eq(write.valid),
             row_port.addr.eq(write.payload.number),
             row_port.data.eq(write.payload.row),
-            fresh.turn.eq(self.distributor.turn),
+            fresh.turn.eq(self.distributors[0].turn),
             *(fresh.position[axis].eq(write.payload.row.place[axis] << frac) for axis in ("x", "y")),
         ]
         for axis, most in (("x", config.roi_width), ("y", config.roi_height)):
@@ -180,9 +194,8 @@ class Regions(Block):
             state_port.addr.eq(Mux(kept.valid, kept.payload.number, write.payload.number)),
             state_port.data.eq(Mux(kept.valid, kept.payload.state.as_value(), fresh.as_value())),
         ]
-        for block in (self.distributor, self.collector):
+        for name, block in (_numbered("distributor", self.distributors) | {"collector": self.collector}).items():
             row, state = rows.read_port(), states.read_port()
-            name = "distributor" if block is self.distributor else "collector"
             m.d.comb += [row.addr.eq(block.number), state.addr.eq(block.number)]
             m.d.comb += [
                 block.row.eq(delay(m, row.data, 1, name=f"{name}_row")),
@@ -191,37 +204,52 @@ class Regions(Block):
 
     def _measure(self, m):
         """Region by region to the units, and out."""
-        distributor, collector, store = self.distributor, self.collector, self.store
-        batch = self.ingest_control.handover.batch
-        connect(m, store.o, distributor.events)
-        connect(m, distributor.read, store.read)
+        distributors, collector = self.distributors, self.collector
+        first, several, handover = distributors[0], len(distributors) > 1, self.ingest_control.handover
+        batch = handover.batch
         connect(m, collector.o, flipped(self.o))
         m.d.comb += [
-            distributor.take.eq(self.ingest_control.handover.take),
-            distributor.settings.eq(batch.settings),
-            distributor.divided.eq(self.reciprocal.done),
-            distributor.busy.eq(store.busy),
-            distributor.cleared.eq(store.cleared),
-            distributor.begun.eq(collector.begun),
-            store.clear.eq(distributor.clear),
-            self.reciprocal.start.eq(distributor.divide),
+            self.reciprocal.start.eq(first.divide),
             self.reciprocal.span.eq(batch.span),
-            collector.begins.eq(distributor.divide),
+            collector.begins.eq(first.divide),
             collector.batch.eq(batch),
-            collector.turn.eq(distributor.turn),
+            collector.turn.eq(first.turn),
             self.takes_over.eq(collector.takes_over),
         ]
+        # A unit says a cycle after it was begun that it cannot be loaded, and a distributor sees that one cycle later.
+        turn = Signal(range(2 * len(distributors)))
+        if several:
+            m.d.sync += turn.eq(Mux(turn == 2 * len(distributors) - 1, 0, turn + 1))
+        for number, (distributor, store) in enumerate(zip(distributors, self.stores, strict=True)):
+            connect(m, store.o, distributor.events)
+            connect(m, distributor.read, store.read)
+            m.d.comb += [
+                distributor.take.eq(handover.take),
+                distributor.settings.eq(batch.settings),
+                distributor.divided.eq(self.reciprocal.done),
+                distributor.busy.eq(store.busy),
+                distributor.cleared.eq(store.cleared),
+                distributor.begun.eq(collector.begun),
+                distributor.ready.eq(Cat(unit.ready for unit in self.units)),
+                distributor.idle.eq(Cat(unit.idle for unit in self.units)),
+                distributor.may.eq(turn == 2 * number),
+                store.clear.eq(distributor.clear),
+            ]
         for number, unit in enumerate(self.units):
-            connect(m, distributor.o, unit.i)
+            # Which distributor began it.
+            loads = Signal(range(len(distributors)), name=f"loads_{number}")
+            for which, distributor in enumerate(distributors):
+                with m.If(distributor.begin[number]):
+                    m.d.sync += loads.eq(which)
             connect(m, unit.o, collector.units[number])
             connect(m, flipped(self.schedule_write), unit.schedule_write)
             connect(m, unit.trace, flipped(self.traces[number]))
             m.d.comb += [
-                distributor.ready[number].eq(unit.ready),
-                distributor.idle[number].eq(unit.idle),
-                unit.begin.eq(distributor.begin[number]),
-                unit.commit.eq(distributor.commit[number]),
-                unit.job.eq(distributor.job),
+                unit.begin.eq(Cat(distributor.begin[number] for distributor in distributors).any()),
+                unit.commit.eq(Cat(distributor.commit[number] for distributor in distributors).any()),
+                unit.i.valid.eq(select(loads, [distributor.o.valid for distributor in distributors])),
+                unit.i.payload.eq(select(loads, [distributor.o.payload.as_value() for distributor in distributors])),
+                unit.job.eq(select(loads, [distributor.job.as_value() for distributor in distributors])),
                 unit.times.span.eq(batch.span),
                 unit.times.shift.eq(self.reciprocal.shift),
                 unit.times.mantissa.eq(self.reciprocal.mantissa),
