@@ -219,14 +219,14 @@ def test_an_event_a_cycle(rng):
 
 MUTANTS = {  # module, old, new
     "hop closes with one event more": (hop_control, "ending.eq(left == 2)", "ending.eq(left == 1)"),
-    "hop closes after the event that is due": (hop_control, "place + (stays & ~due)", "place + 1"),
+    "hop closes after the event that is due": (hop_control, "Mux(stays & ~due, behind, place)", "behind"),
     "times of the hop before": (hop_control, "self.now.eq(now_s3),", "self.now.eq(self.now),"),
     "the ROI moves at once": (hop_control, "frac), roi[axis])", "frac), self.corner[axis])"),
     "a hop closes while one is evaluated": (hop_control, "free.eq(self.free & ", "free.eq(1 & "),
     "no pause is too long": (hop_control, "self.stale.eq(step_s1 > ", "self.stale.eq(0 & "),
     "an event too many stays": (walker, "held > most", "held > most + 1"),
     "events as old as they may be go": (walker, "> oldest", ">= oldest"),
-    "a hop closes a µs late": (hop_control, "(now - target)", "(now - target - 1)"),
+    "a hop closes a µs late": (hop_control, "(now_s2 - target)", "(now_s2 - target - 1)"),
     "a dither of its own for each window": (walker, "phase.eq(phase + factor)", "phase.eq(factor // 2)"),
     "the dither goes on in an empty window": (walker, "phase.eq(factor // 2)", "phase.eq(phase)"),
     "time of the event before": (walker, "self.t_first.eq(t_s2)", "self.t_first.eq(self.t_first)"),
