@@ -229,7 +229,7 @@ MUTANTS = {  # module, old, new
     "a hop closes a µs late": (hop_control, "(now_s2 - target)", "(now_s2 - target - 1)"),
     "a dither of its own for each window": (walker, "phase.eq(phase + factor)", "phase.eq(factor // 2)"),
     "the dither goes on in an empty window": (walker, "phase.eq(factor // 2)", "phase.eq(phase)"),
-    "time of the event before": (walker, "self.t_first.eq(t_s2)", "self.t_first.eq(self.t_first)"),
+    "time of the event before": (walker, "self.t_first.eq(t_s3)", "self.t_first.eq(self.t_first)"),
     "the last one is not waited for": (ring, "last_s1.eq(closed & ", "last_s1.eq(1 & "),
     "the one behind is not waited for": (ring, "(last_s1 | more)", "1"),
     "written over": (ring, "write.addr.eq(write.addr + write.en)", "write.addr.eq(write.addr + 0)"),

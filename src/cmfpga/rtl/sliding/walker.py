@@ -47,7 +47,7 @@ class Walker(Block):
         Its dither: (k + ½)·α.
     """
 
-    latency = Ring.latency + 3
+    latency = Ring.latency + 4
 
     def __init__(self, config):
         place = address_bits(config)
@@ -76,13 +76,14 @@ class Walker(Block):
         now, oldest, stale = Signal.like(self.now), Signal(config.span_bits), Signal()
         # A place is looked at in each cycle; what is there comes back in the same order.
         walking = Signal()
-        arrived = Signal(Ring.latency + 2)
+        arrived = Signal(Ring.latency + 3)
         # Flags of ``held``, which stand beside it: there are some, and more than may stay.
         some, over, drops = Signal(), Signal(), Signal()
         more = Signal(len(most) + 1)  # than may stay by one
-        age_s1 = delay(m, (now - self.t)[: config.span_bits], 1, name="age")
-        old_s2, t_s2 = delay(m, age_s1 > oldest, 1, name="old"), delay(m, self.t, 2, name="t")
-        m.d.comb += drops.eq(some & (stale | over | old_s2))
+        t_s1 = delay(m, self.t, 1, name="t_from_ring")  # RAMs are slow, and far away
+        age_s2 = delay(m, (now - t_s1)[: config.span_bits], 1, name="age")
+        old_s3, t_s3 = delay(m, age_s2 > oldest, 1, name="old"), delay(m, t_s1, 2, name="t")
+        m.d.comb += drops.eq(some & (stale | over | old_s3))
         m.d.sync += [some.eq(held != 0), over.eq(held > most), more.eq(most + 1)]
         m.d.sync += [self.done.eq(0), arrived.eq((arrived << 1) | walking), self.look.eq(self.look + 1)]
         with m.If(self.go):
@@ -102,7 +103,7 @@ class Walker(Block):
                 m.d.sync += [some.eq(held != 1), over.eq(held > more)]
                 m.d.sync += [phase.eq(phase + factor) for phase, factor in zip(phases, FACTORS, strict=True)]
             with m.Else():
-                m.d.sync += [walking.eq(0), self.done.eq(1), self.t_first.eq(t_s2), self.empty.eq(~some)]
+                m.d.sync += [walking.eq(0), self.done.eq(1), self.t_first.eq(t_s3), self.empty.eq(~some)]
                 with m.If(~some):
                     m.d.sync += [phase.eq(factor // 2) for phase, factor in zip(phases, FACTORS, strict=True)]
         return m
