@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from amaranth.hdl import Mux, Shape, Signal
+from amaranth.hdl import Cat, Mux, Shape, Signal
 from amaranth.lib import data, stream
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect, flipped
@@ -301,13 +301,12 @@ class SlidingCore(Iterating, Block):
         m.d.comb += [found[name].eq(value) for name, value in own.items()]
         if config.confidence:
             m.d.comb += found.doubtful.eq(self.judge.doubtful)
-            with m.If(delay(m, control.keep, 1, name="keep", valid=True)):  # it stays as long
-                m.d.sync += kept.eq(found)
-        chosen = Signal(shape)
-        m.d.comb += chosen.eq(Mux(control.kept, kept, found))
-        age = (hops.now - hop.t_first)[: config.span_bits]
+        with m.If(control.keep):
+            m.d.sync += kept.eq(found)
+        # The highest bits of the window's first time are those of its end, or one less.
+        before = (hop.now - hop.t_first)[-1]
         values = {
-            "t_first": hops.now - age,
+            "t_first": Cat(hop.t_first, hops.now[config.span_bits :] - before),
             "span": Mux(degenerate, 0, control.unit),
             "t_us": hops.now,
             **{name: counts[name] for name in counts.shape().members},
@@ -318,11 +317,11 @@ class SlidingCore(Iterating, Block):
             "v": self.ascent.v,
             "iterations": Mux(degenerate, 0, control.iterations),
             "cycles": control.cycles,
-            **{name: chosen[name] for name in own},
+            **{name: kept[name] for name in own},
         }
         if config.confidence:
             judged = settings.judge & ~degenerate
-            flags[Flag.DOUBTFUL] = judged & chosen.doubtful
+            flags[Flag.DOUBTFUL] = judged & kept.doubtful
             flags[Flag.SHORT] = is_short(m, self.ascent.v) & ~degenerate
             values |= {"confidence_limit": Mux(judged, settings.confidence_limit, 0)}
         there = {f.name for f in fields_of("batch", "region", config=config)}

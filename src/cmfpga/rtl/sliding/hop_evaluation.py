@@ -95,8 +95,8 @@ class HopEvaluation(Block):
         Carry the ROI on; the window starts cold; move the window's begin on.
     since : ``Out``
         The last reference time as an event's of this window, µs.
-    keep, kept : ``Out(1)``
-        Keep what the judging round found; that is what the result is judged by.
+    keep : ``Out(1)``
+        Keep what the last round found: by that the result is judged, or the next one.
     degenerate : ``Out(1)``
     iterations, cycles : ``Out``
         Rounds done; clock cycles since the hop closed.
@@ -109,7 +109,7 @@ class HopEvaluation(Block):
         inputs = ("offered", "cleared", "walked", "divided", "complete", "summed", "judged", "drained", "taken")
         outputs = (
             "begins", "load", "opened", "free", "closed", "divide", "replay", "next", "iterating", "wants_verdict",
-            "move", "cold", "walk", "keep", "kept", "degenerate",
+            "move", "cold", "walk", "keep", "degenerate",
         )  # fmt: skip
         super().__init__(
             **dict.fromkeys(inputs, In(1)),
@@ -144,12 +144,13 @@ class HopEvaluation(Block):
             ahead.eq(last_step + gap),
             self.walk.eq(walks),
         ]
+        kept = Signal()
         m.d.comb += [
             self.cold.eq(run.plan == COLD),
-            self.kept.eq(held & ~self.cold),
+            kept.eq(held & ~self.cold),
         ]
         m.d.sync += [
-            self.wants_verdict.eq(judges & ((run.plan == AFTER) | ~self.kept)),
+            self.wants_verdict.eq(judges & ((run.plan == AFTER) | ~kept)),
             following.eq(self.iterations + 1),
             final.eq((run.plan == AFTER) | (following == delay(m, run.planned, 1, name="planned"))),
             after.eq(judges & (settings.after.count != 0)),
@@ -187,7 +188,7 @@ class HopEvaluation(Block):
         more = Signal()  # a round that judges, behind a result
         m.d.sync += more.eq(after & ~discard)
         m.d.comb += follows.eq(followed & follow)
-        m.d.sync += [run.take.eq(0), self.divide.eq(0), judging.eq(0), ended.eq(0)]
+        m.d.sync += [each.eq(0) for each in (run.take, self.divide, judging, ended, self.keep)]
         begin = run.take, self.divide
         # A register for each state, for wires are long, and none is left for a decoder.
         at = {state: Signal(name=f"at_{state.lower()}", init=state == "OPEN") for state in STATES}
@@ -230,7 +231,7 @@ class HopEvaluation(Block):
                 with m.If(final):
                     m.d.sync += go("ROUNDS", "MOVE")
         with m.If(at["MOVE"]):
-            m.d.sync += [timer.eq(Mux(timer == 0, 0, timer - 1)), ended.eq(timer <= 1)]
+            m.d.sync += [timer.eq(Mux(timer == 0, 0, timer - 1)), ended.eq(timer <= 1), self.keep.eq(~kept)]
             with m.If(ended & (self.judged | ~self.wants_verdict)):
                 m.d.sync += go("MOVE", "RESULT")
         m.d.comb += run.done.eq(at["RESULT"])
@@ -247,8 +248,8 @@ class HopEvaluation(Block):
         with m.If(at["JUDGE"]):
             m.d.sync += done.eq(done | run.updated)
             with m.If((done | run.updated) & self.judged):
-                m.d.comb += [self.keep.eq(1), walks.eq(1)]
-                m.d.sync += [held.eq(1), done.eq(0), *go("JUDGE", "WALK")]
+                m.d.comb += walks.eq(1)
+                m.d.sync += [self.keep.eq(1), held.eq(1), done.eq(0), *go("JUDGE", "WALK")]
         with m.If(at["WALK"]):
             m.d.sync += timer.eq(1)
             with m.If(self.walked):
