@@ -36,7 +36,7 @@ PROOFS = {
     collector: (CollectorHarness, "bmc", 26, 26, CollectorHarness.COVERS),
     store: (store_harness, "bmc", 30, 30, StoreHarness.COVERS),
     ring: (lambda module: RingHarness(module.Ring(TINY), PLACES), "prove", 12, 24, RingHarness.COVERS),
-    walker: (lambda module: WalkerHarness(module.Walker(TINY), PLACES), "prove", 12, 24, WalkerHarness.COVERS),
+    walker: (lambda module: WalkerHarness(module.Walker(TINY), PLACES), "prove", 14, 24, WalkerHarness.COVERS),
 }
 MODULES = [pytest.param(module, id=module.__name__.rpartition(".")[2]) for module in PROOFS]
 
