@@ -220,22 +220,20 @@ class SlidingCore(Iterating, Block):
             hop.stale.eq(hops.stale),
             hop.empty.eq(walker.empty),
         ]
-        # The first event that was stored after a hop had closed begins a window that is empty by then.
-        seen, first_new, newest, first = (
-            Signal(),
-            *(Signal.like(hop.t_first, name=n) for n in ("new", "newest", "first")),
-        )
-        time = hops.o.payload.t
-        with m.If(hops.closed):
-            only = walker.empty & ~seen & hops.o.valid  # the event that ends the hop
-            m.d.sync += [seen.eq(0), first.eq(Mux(only, time, hop.t_first))]
-            m.d.sync += hop.t_last.eq(Mux(hops.o.valid, time, newest))
-        with m.Elif(hops.o.valid & ~seen):
-            m.d.sync += [seen.eq(1), first_new.eq(time)]
+        # The first event that was stored after a hop had closed begins a window that is empty by then. None comes in the
+        # two cycles after ``closed``, so that times are kept in the first of them.
+        seen, ends, kept = Signal(), delay(m, hops.closed, 1, name="ends", valid=True), Signal()
+        first_new, newest, first = (Signal.like(hop.t_first, name=n) for n in ("new", "newest", "first"))
+        current = Mux(walker.empty, first_new, walker.t_first)
         with m.If(hops.o.valid):
-            m.d.sync += newest.eq(time)
+            m.d.sync += newest.eq(hops.o.payload.t)
+        with m.If(hops.o.valid & ~seen):
+            m.d.sync += first_new.eq(hops.o.payload.t)
+        m.d.sync += [seen.eq((seen | hops.o.valid) & ~hops.closed), kept.eq(ends | (kept & control.closed))]
+        with m.If(ends):
+            m.d.sync += [first.eq(current), hop.t_last.eq(newest)]
         m.d.sync += hop.count.eq(hops.end - walker.begin)
-        m.d.comb += hop.t_first.eq(Mux(control.closed, first, Mux(walker.empty, first_new, walker.t_first)))
+        m.d.comb += hop.t_first.eq(Mux(kept & control.closed, first, current))
         return hop
 
     def _pass(self, m, opened, clear):

@@ -152,8 +152,7 @@ class HopControl(Block):
         m.d.sync += timed.eq(lengths.hop_us != 0)
 
         # Stage 3: whether it stays, and whether it ends a hop.
-        counts = Signal(hop_counts(config))
-        taken = Signal.like(counts.events, name="taken")
+        taken = Signal.like(self.counts.events, name="taken")
         longest = Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us)
         step_s1 = delay(m, step, 1, name="step")
         m.d.comb += self.step.eq(step_s1)
@@ -194,14 +193,17 @@ class HopControl(Block):
             ),
             all_wait.eq(Mux(goes, taken == most - 2, greatest) & ~self.free),
         ]
-        lost = {"events": 1, "fresh": stays, "outside": ~inside_s3 & ~back_s3 & ~marked}
+        lost = {"fresh": stays, "outside": ~inside_s3 & ~back_s3 & ~marked}
         lost |= {"thinned": inside_s3 & ~stays, "time_back": back_s3} | marks
-        grown = Signal(hop_counts(config), name="grown")  # two cycles later
+        grown = Signal(data.StructLayout({name: taken.shape() for name in lost}), name="grown")  # two cycles later
+        counts = Signal.like(grown, name="counts")
         for name, which in lost.items():
             m.d.comb += grown[name].eq(counts[name] + delay(m, goes & which, 2, name=f"grows_{name}", valid=True))
         m.d.sync += counts.eq(Mux(again, 0, grown.as_value()))
+        with m.If(self.closed):
+            m.d.sync += self.counts.events.eq(taken)
         with m.If(again):
-            m.d.sync += self.counts.eq(grown)
+            m.d.sync += [self.counts[name].eq(grown[name]) for name in lost]
         with m.If(goes):
             m.d.sync += [taken.eq(taken + 1), greatest.eq(taken == most - 2)]
         m.d.comb += kept.eq(keeps)
