@@ -219,11 +219,12 @@ class HopControl(Block):
             m.d.sync += [self.end.eq(Mux(stays & ~due, behind, place)), self.now.eq(now_s3)]
         with m.Elif(self.free & ~self.closed):  # the next one may close from now on
             m.d.sync += before.eq(self.now)
-        with m.If(self.closed | ~begun):  # the next hop begins
+        # The next hop begins; the first one a cycle after its first event is there, and before that is judged.
+        with m.If(self.closed | ~delay(m, begun, 1, name="begun", valid=True)):
             m.d.sync += [
                 roi.eq(self.corner),
                 *(ends[axis].eq(self.corner[axis] + size) for axis, size in zip("xy", sizes, strict=True)),
-                target.eq(Mux(begun, self.now, self.i.payload.t) + lengths.hop_us),
+                target.eq(self.now + lengths.hop_us),
                 left.eq(lengths.hop_events),
                 ending.eq(lengths.hop_events == 1),
                 taken.eq(0),
