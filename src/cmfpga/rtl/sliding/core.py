@@ -223,17 +223,17 @@ class SlidingCore(Iterating, Block):
         # The first event that was stored after a hop had closed begins a window that is empty by then. None comes in the
         # two cycles after ``closed``, so that times are kept in the first of them.
         seen, ends, kept = Signal(), delay(m, hops.closed, 1, name="ends", valid=True), Signal()
-        first_new, newest, first = (Signal.like(hop.t_first, name=n) for n in ("new", "newest", "first"))
-        current = Mux(walker.empty, first_new, walker.t_first)
+        first_new, newest = (Signal.like(hop.t_first, name=n) for n in ("new", "newest"))
         with m.If(hops.o.valid):
             m.d.sync += newest.eq(hops.o.payload.t)
         with m.If(hops.o.valid & ~seen):
             m.d.sync += first_new.eq(hops.o.payload.t)
-        m.d.sync += [seen.eq((seen | hops.o.valid) & ~hops.closed), kept.eq(ends | (kept & control.closed))]
+        m.d.sync += [seen.eq((seen | hops.o.valid) & ~hops.closed), kept.eq(ends | (kept & ~walker.done))]
         with m.If(ends):
-            m.d.sync += [first.eq(current), hop.t_last.eq(newest)]
+            m.d.sync += hop.t_last.eq(newest)
+        with m.If(walker.done | ~kept):
+            m.d.sync += hop.t_first.eq(Mux(walker.empty, first_new, walker.t_first))
         m.d.sync += hop.count.eq(hops.end - walker.begin)
-        m.d.comb += hop.t_first.eq(Mux(kept & control.closed, first, current))
         return hop
 
     def _pass(self, m, opened, clear):

@@ -217,10 +217,11 @@ class HopControl(Block):
         # They follow the events until the hop closes, for less hangs on a register than on its end.
         with m.If(free):
             m.d.sync += [self.end.eq(Mux(stays & ~due, behind, place)), self.now.eq(now_s3)]
-        with m.Elif(self.free & ~self.closed):  # the next one may close from now on
+        # The first hop begins a cycle after its first event is there, before that is judged.
+        waits_first = ~delay(m, begun, 1, name="begun", valid=True)
+        with m.If((self.free & ~free & ~self.closed) | waits_first):  # from the next cycle on a hop may close
             m.d.sync += before.eq(self.now)
-        # The next hop begins; the first one a cycle after its first event is there, and before that is judged.
-        with m.If(self.closed | ~delay(m, begun, 1, name="begun", valid=True)):
+        with m.If(self.closed | waits_first):  # the next hop begins
             m.d.sync += [
                 roi.eq(self.corner),
                 *(ends[axis].eq(self.corner[axis] + size) for axis, size in zip("xy", sizes, strict=True)),
@@ -231,6 +232,6 @@ class HopControl(Block):
                 greatest.eq(most == 1),
             ]
         with m.If(~begun):
-            m.d.sync += [time.eq(self.i.payload.t) for time in (self.now, before, latest)]
+            m.d.sync += [time.eq(self.i.payload.t) for time in (self.now, latest)]
             m.d.sync += begun.eq(self.i.valid)
         return m

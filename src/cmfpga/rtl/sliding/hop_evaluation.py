@@ -165,7 +165,6 @@ class HopEvaluation(Block):
         m.d.comb += [run.start.eq(self.divided | judging), self.replay.eq(run.start | next_replay)]
         closing = Signal()  # in a state in which a hop may close
         m.d.sync += self.free.eq(closing & ~self.closed & ~hop.closed)
-        m.d.sync += self.cycles.eq(Mux(hop.closed, 1, self.cycles + 1))
         with m.If(hop.closed):
             m.d.sync += self.closed.eq(1)
         with m.If(deciding):
@@ -236,7 +235,7 @@ class HopEvaluation(Block):
                 m.d.sync += go("MOVE", "RESULT")
         m.d.comb += run.done.eq(at["RESULT"])
         with m.If(at["RESULT"]):
-            m.d.sync += [self.cycles.eq(self.cycles), timer.eq(4)]
+            m.d.sync += timer.eq(4)
             m.d.comb += walks.eq(self.taken & ~more)
             with m.If(self.taken):
                 m.d.sync += [at["RESULT"].eq(0), at["AFTER"].eq(more), at["WALK"].eq(~more), run.take.eq(more)]
@@ -264,6 +263,10 @@ class HopEvaluation(Block):
             m.d.sync += [followed.eq(~self.degenerate), last_step.eq(hop.step), self.age.eq(age)]
             with m.If(~self.degenerate):
                 m.d.sync += [held.eq(0), half.eq(self.unit >> 1), first.eq(hop.t_first)]
+        with m.If(hop.closed):
+            m.d.sync += self.cycles.eq(1)
+        with m.Elif(~at["RESULT"]):
+            m.d.sync += self.cycles.eq(self.cycles + 1)
         # Whether v is the window's when it has changed: known long before.
         carries = Signal()
         m.d.sync += carries.eq(at["ROUNDS"] & final & ~discard)
