@@ -220,8 +220,8 @@ class SlidingCore(Iterating, Block):
             hop.stale.eq(hops.stale),
             hop.empty.eq(walker.empty),
         ]
-        # The first event that was stored after a hop had closed begins a window that is empty by then. None comes in the
-        # two cycles after ``closed``, so that times are kept in the first of them.
+        # The first event that was stored after a hop had closed begins a window that is empty by then. None comes in
+        # the two cycles after ``closed``, so that times are kept in the first of them.
         seen, ends, kept = Signal(), delay(m, hops.closed, 1, name="ends", valid=True), Signal()
         first_new, newest = (Signal.like(hop.t_first, name=n) for n in ("new", "newest"))
         with m.If(hops.o.valid):

@@ -158,8 +158,8 @@ class HopControl(Block):
         m.d.comb += self.step.eq(step_s1)
         m.d.sync += self.stale.eq(step_s1 > delay(m, longest, 1, name="longest"))
         most = config.max_batch_events
-        # Flags: the next one that stays ends the hop; any is the last of so many; a hop may close. One that stays has to
-        # wait, because it has no place or would close a hop that may not close; any has, because it would.
+        # Flags: the next one that stays ends the hop; any is the last of so many; a hop may close. One that stays
+        # waits, for it has no place, or would close a hop that may not close yet; any waits, for it would.
         ending, greatest, free, waits, all_wait = Signal(), Signal(init=most == 1), Signal(), Signal(), Signal()
         skipped, others = Signal(Widths.thinning_bits), Signal(Widths.thinning_bits)
         marks = {name: event_s3[name] & ~back_s3 for name in marks}

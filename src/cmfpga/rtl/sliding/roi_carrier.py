@@ -72,7 +72,8 @@ class RoiCarrier(Block):
             with m.If(self.move):
                 m.d.sync += step.eq(0)
             with m.Elif(running.any()):
-                # The sign counts −1: minus that is plus v. What counts negative is inverted, and what shifts in carries.
+                # The sign counts −1: minus that is plus v.
+                # What counts negative is inverted, and what shifts in carries.
                 bit, inverts = Mux(factor[-1], v, 0), ~running[0]
                 bit = (bit.as_unsigned() ^ inverts.replicate(len(v))).as_signed()
                 m.d.sync += step.eq(Cat(inverts, step).as_signed() + bit)
