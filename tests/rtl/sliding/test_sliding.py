@@ -220,7 +220,7 @@ def test_an_event_a_cycle(rng):
 MUTANTS = {  # module, old, new
     "hop closes with one event more": (hop_control, "ending.eq(left == 2)", "ending.eq(left == 1)"),
     "hop closes after the event that is due": (hop_control, "Mux(stays & ~due, behind, place)", "behind"),
-    "times of the hop before": (hop_control, "self.now.eq(now_s3),", "self.now.eq(self.now),"),
+    "times of the hop before": (hop_control, "self.now.eq(now_s3)]", "self.now.eq(self.now)]"),
     "the ROI moves at once": (hop_control, "frac), roi[axis])", "frac), self.corner[axis])"),
     "a hop closes while one is evaluated": (hop_control, "free.eq(self.free & ", "free.eq(1 & "),
     "no pause is too long": (hop_control, "self.stale.eq(step_s1 > ", "self.stale.eq(0 & "),
