@@ -197,6 +197,7 @@ class SlidingCore(Iterating, Block):
             hops.corner.eq(self.roi_carrier.next_crop),
             hops.free.eq(control.free),
             hops.oldest.eq(walker.begin),
+            walker.closed.eq(hops.closed),
             walker.go.eq(control.walk),
             walker.end.eq(hops.end),
             walker.now.eq(hops.now),
