@@ -36,7 +36,7 @@ PROOFS = {
     collector: (CollectorHarness, "bmc", 26, 26, CollectorHarness.COVERS),
     store: (store_harness, "bmc", 30, 30, StoreHarness.COVERS),
     ring: (lambda module: RingHarness(module.Ring(TINY), PLACES), "prove", 12, 24, RingHarness.COVERS),
-    walker: (lambda module: WalkerHarness(module.Walker(TINY), PLACES), "prove", 12, 24, WalkerHarness.COVERS),
+    walker: (lambda module: WalkerHarness(module.Walker(TINY), PLACES), "prove", 14, 24, WalkerHarness.COVERS),
 }
 MODULES = [pytest.param(module, id=module.__name__.rpartition(".")[2]) for module in PROOFS]
 
@@ -82,7 +82,8 @@ MUTANTS = [
     Mutant("written over", "write.addr.eq(write.addr + write.en)", "write.addr.eq(write.addr)", ring),
     Mutant("the place after", "Mux(reading_s1, address_s1,", "Mux(reading_s1, next_s1,", ring),
     Mutant("goes on after the last", "If((goes & last_s1) | ", "If(", ring),
-    Mutant("b passes e", "drops.eq(some & ", "drops.eq(1 & ", walker),
+    Mutant("b passes e", "looked & some & (", "looked & (", walker),
+    Mutant("told before it is complete", "self.begin.eq(ahead)", "self.begin.eq(ahead + 1)", walker),
     Mutant("an event more than fit", "(held > most)", "(held > most + 1)", walker),
     Mutant("dither of the window before", "phase.eq(factor // 2)", "phase.eq(phase)", walker),
 ]  # fmt: skip

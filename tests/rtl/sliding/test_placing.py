@@ -119,7 +119,7 @@ def test_the_roi_is_carried_as_in_the_model(rng):
 
 MUTANTS = {
     "the sign counts as the other bits": ("(factor[-1], v, 0), ~running[0]", "(factor[-1], v, 0), ~running[1]"),
-    "a cold window starts where the last one was": ("Mux(self.cold, self.crop[axis] << frac, place)", "place"),
+    "a cold window starts where the last one was": ("(self.move & self.cold)", "0"),
     "cropped at the middle of the window": ("place + ahead_v", "place"),
     "the sensor has no end": ("place.eq(saturate(target, 0, most))", "place.eq(target)"),
     "a crop that is limited tells nothing": ("moved | (ahead < 0) | (ahead > limit)", "moved"),

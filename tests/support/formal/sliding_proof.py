@@ -126,21 +126,29 @@ class WalkerHarness(Harness):
 
     def properties(self, m, row, memories):
         dut = self.dut
-        held, walking = self.register("held"), self.register("walking")
-        lengths, end, before = dut.lengths, Signal.like(dut.end), Signal.like(dut.begin)
-        asked, most = Signal(), Signal.like(dut.begin)
+        held, walking, ahead = self.register("held"), self.register("walking"), self.register("ahead")
+        counts, over = self.register("counts"), self.register("over")
+        lengths, end, before, behind = dut.lengths, Signal.like(dut.end), Signal.like(dut.begin), Signal.like(dut.begin)
+        told, ready, most = Signal(), Signal(), Signal.like(dut.begin)
         m.d.comb += [
-            *map(anything, (dut.go, dut.end, dut.now, dut.stale, lengths.as_value(), dut.t)),
-            Assume(~dut.go | ~(walking | asked)),
+            *map(anything, (dut.closed, dut.go, dut.end, dut.now, dut.stale, lengths.as_value(), dut.t)),
+            Assume(~dut.closed | ~(told | walking)),
+            Assume(~dut.go | ready),
             Assume(lengths.hop_events <= lengths.window_events),
         ]
-        m.d.sync += [before.eq(dut.begin), asked.eq(dut.go)]
-        with m.If(dut.go):
+        m.d.sync += [before.eq(ahead), behind.eq(dut.begin), told.eq((told | dut.closed) & ~dut.go)]
+        m.d.sync += ready.eq(told & ~dut.go)
+        with m.If(dut.closed):
             m.d.sync += [end.eq(dut.end), most.eq(lengths.window_events - lengths.hop_events)]
         moved = Signal.like(dut.begin)
         m.d.comb += [
-            moved.eq(dut.begin - before),
-            Assert(~walking | (held == (end - dut.begin)[: len(end)])),
+            moved.eq(ahead - before),
+            Assert(told | walking | (ahead == dut.begin)),
+            Assert(dut.done | (dut.begin == behind)),  # b does not change but when all is known
+            Assert(~(told | walking) | (held == (end - ahead)[: len(end)])),
+            Assert(~counts | told),
+            Assert(~counts | ((over == (held > most)) & (self.register("more") == most + 1))),
+            Assert(~(told | walking) | (self.register("most") == most)),
             Assert(~dut.done | (held == (end - dut.begin)[: len(end)])),
             Assert(~dut.done | (dut.empty == (held == 0))),
             Assert(~dut.done | (held <= most)),  # no more than leave room for the hop
@@ -150,10 +158,9 @@ class WalkerHarness(Harness):
             ),
         ]
         # b moves by one event, and never past e.
-        left, started = Signal(range(PLACES)), Signal()
-        m.d.sync += started.eq(dut.go)
-        with m.If(dut.go):
-            m.d.sync += left.eq((dut.end - dut.begin)[: len(end)])
+        left = Signal(range(PLACES))
+        with m.If(dut.closed):
+            m.d.sync += left.eq((dut.end - ahead)[: len(end)])
         with m.Else():
             m.d.sync += left.eq(held)
         m.d.comb += [

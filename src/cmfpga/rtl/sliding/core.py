@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from amaranth.hdl import Mux, Shape, Signal
+from amaranth.hdl import Cat, Mux, Shape, Signal
 from amaranth.lib import data, stream
 from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.wiring import In, Out, connect, flipped
@@ -197,6 +197,7 @@ class SlidingCore(Iterating, Block):
             hops.corner.eq(self.roi_carrier.next_crop),
             hops.free.eq(control.free),
             hops.oldest.eq(walker.begin),
+            walker.closed.eq(hops.closed),
             walker.go.eq(control.walk),
             walker.end.eq(hops.end),
             walker.now.eq(hops.now),
@@ -220,22 +221,20 @@ class SlidingCore(Iterating, Block):
             hop.stale.eq(hops.stale),
             hop.empty.eq(walker.empty),
         ]
-        # The first event that was stored after a hop had closed begins a window that is empty by then.
-        seen, first_new, newest, first = (
-            Signal(),
-            *(Signal.like(hop.t_first, name=n) for n in ("new", "newest", "first")),
-        )
-        time = hops.o.payload.t
-        with m.If(hops.closed):
-            only = walker.empty & ~seen & hops.o.valid  # the event that ends the hop
-            m.d.sync += [seen.eq(0), first.eq(Mux(only, time, hop.t_first))]
-            m.d.sync += hop.t_last.eq(Mux(hops.o.valid, time, newest))
-        with m.Elif(hops.o.valid & ~seen):
-            m.d.sync += [seen.eq(1), first_new.eq(time)]
+        # The first event that was stored after a hop had closed begins a window that is empty by then. None comes in
+        # the two cycles after ``closed``, so that times are kept in the first of them.
+        seen, ends, kept = Signal(), delay(m, hops.closed, 1, name="ends", valid=True), Signal()
+        first_new, newest = (Signal.like(hop.t_first, name=n) for n in ("new", "newest"))
         with m.If(hops.o.valid):
-            m.d.sync += newest.eq(time)
+            m.d.sync += newest.eq(hops.o.payload.t)
+        with m.If(hops.o.valid & ~seen):
+            m.d.sync += first_new.eq(hops.o.payload.t)
+        m.d.sync += [seen.eq((seen | hops.o.valid) & ~hops.closed), kept.eq(ends | (kept & ~walker.done))]
+        with m.If(ends):
+            m.d.sync += hop.t_last.eq(newest)
+        with m.If(walker.done | ~kept):
+            m.d.sync += hop.t_first.eq(Mux(walker.empty, first_new, walker.t_first))
         m.d.sync += hop.count.eq(hops.end - walker.begin)
-        m.d.comb += hop.t_first.eq(Mux(control.closed, first, Mux(walker.empty, first_new, walker.t_first)))
         return hop
 
     def _pass(self, m, opened, clear):
@@ -301,13 +300,12 @@ class SlidingCore(Iterating, Block):
         m.d.comb += [found[name].eq(value) for name, value in own.items()]
         if config.confidence:
             m.d.comb += found.doubtful.eq(self.judge.doubtful)
-            with m.If(delay(m, control.keep, 1, name="keep", valid=True)):  # it stays as long
-                m.d.sync += kept.eq(found)
-        chosen = Signal(shape)
-        m.d.comb += chosen.eq(Mux(control.kept, kept, found))
-        age = (hops.now - hop.t_first)[: config.span_bits]
+        with m.If(control.keep):
+            m.d.sync += kept.eq(found)
+        # The highest bits of the window's first time are those of its end, or one less.
+        before = (hop.now - hop.t_first)[-1]
         values = {
-            "t_first": hops.now - age,
+            "t_first": Cat(hop.t_first, hops.now[config.span_bits :] - before),
             "span": Mux(degenerate, 0, control.unit),
             "t_us": hops.now,
             **{name: counts[name] for name in counts.shape().members},
@@ -318,11 +316,11 @@ class SlidingCore(Iterating, Block):
             "v": self.ascent.v,
             "iterations": Mux(degenerate, 0, control.iterations),
             "cycles": control.cycles,
-            **{name: chosen[name] for name in own},
+            **{name: kept[name] for name in own},
         }
         if config.confidence:
             judged = settings.judge & ~degenerate
-            flags[Flag.DOUBTFUL] = judged & chosen.doubtful
+            flags[Flag.DOUBTFUL] = judged & kept.doubtful
             flags[Flag.SHORT] = is_short(m, self.ascent.v) & ~degenerate
             values |= {"confidence_limit": Mux(judged, settings.confidence_limit, 0)}
         there = {f.name for f in fields_of("batch", "region", config=config)}

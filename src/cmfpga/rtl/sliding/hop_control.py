@@ -47,11 +47,13 @@ class HopControl(Block):
     corner : ``In``, :func:`payloads.roi_corner`
         The ROI from the end of the hop on; before the first event, that of the first hop.
     free : ``In(1)``
-        The last hop is evaluated, so that one may close. Low from the cycle after ``closed`` on.
+        The last hop is evaluated, so that one may close. From then on high until ``closed``, low from the cycle after
+        that on.
     oldest : ``In``
         Place in the ring of the first event that is still needed.
     closed : ``Out(1)``
-        A hop has closed: one cycle, that in which its last event comes out, or later. What follows then stays.
+        A hop has closed: one cycle, that in which its last event comes out, or later. What follows then stays until
+        ``free`` is high again.
     end, now : ``Out``
         Place in the ring after its last event; when it closed, µs.
     step, stale : ``Out``
@@ -100,109 +102,136 @@ class HopControl(Block):
         before, target, step = (Signal(config.time_bits, name=name) for name in ("before", "target", "step"))
         closes, stays, due, last, full = (Signal(name=name) for name in ("closes", "stays", "due", "last", "full"))
         keeps, kept = Signal(init=1), Signal()  # one in ``thinning``: of what comes next, and of what comes behind that
-        again = delay(m, self.closed, 1, name="closed", valid=True)  # what waits is judged again, for the next hop
+        # What waits is judged again, for the next hop: stages 2 and 3 change places, and back. Nothing moves meanwhile.
+        again, stops = delay(m, self.closed, 1, name="closed", valid=True), Signal()
+        m.d.sync += stops.eq(closes | self.closed)
         m.d.comb += [
-            moves.eq(~self.closed & ~again & (~valid_s3 | goes)),
+            moves.eq(goes | ~(valid_s3 | stops)),
             self.i.ready.eq(moves),
             self.waits.eq(valid_s1 | valid_s2 | valid_s3),
         ]
         with m.If(moves):
-            m.d.sync += [valid_s1.eq(self.i.valid), valid_s2.eq(valid_s1), valid_s3.eq(valid_s2)]
-            m.d.sync += [event_s1.eq(self.i.payload), event_s2.eq(event_s1), event_s3.eq(event_s2)]
+            m.d.sync += [valid_s1.eq(self.i.valid), event_s1.eq(self.i.payload)]
 
         # Stage 1: the time that it is.
         now_s2, now_s3 = (Signal(config.time_bits, name=f"now_s{stage}", reset_less=True) for stage in (2, 3))
         back_s2, back_s3 = (Signal(name=f"back_s{stage}", reset_less=True) for stage in (2, 3))
         since = (event_s1.t - latest)[: config.time_bits]
         now = Mux(since[-1], latest, event_s1.t)
-        with m.If(moves):
-            m.d.sync += [now_s2.eq(now), back_s2.eq(since[-1]), now_s3.eq(now_s2), back_s3.eq(back_s2)]
         with m.If(moves & valid_s1):
             m.d.sync += latest.eq(now)
 
-        # Stage 2: whether it lies in the ROI, and comes behind the hop. Or again of what waits.
-        inside_s3, due_s3 = (Signal(name=f"{name}_s3", reset_less=True) for name in ("inside", "due"))
-        timed, inside = Signal(), Signal()
-        event = Mux(again, event_s3.as_value(), event_s2.as_value())
-        event = data.View(payloads.undistorted_event(config), event)
-        back, now = Mux(again, back_s3, back_s2), Mux(again, now_s3, now_s2)
+        # Stage 2: whether it lies in the ROI, and comes behind the hop.
+        inside_s3, due_s3, stands_s3 = (
+            Signal(name=f"{name}_s3", reset_less=name != "stands") for name in ("inside", "due", "stands")
+        )
+        timed, inside, late = Signal(), Signal(), Signal()
         ends, sides = {}, []
         for axis, size in zip("xy", sizes, strict=True):
-            ends[axis] = Signal(range((1 << len(roi[axis])) + size), name=f"end_{axis}")
-            sides += [event[axis] >= Cat(Const(0, frac), roi[axis]), event[axis] < Cat(Const(0, frac), ends[axis])]
+            at, ends[axis] = event_s2[axis], Signal(range((1 << len(roi[axis])) + size), name=f"end_{axis}")
+            sides += [at >= Cat(Const(0, frac), roi[axis]), at < Cat(Const(0, frac), ends[axis])]
         marks = [name for name in ("hot", "noise") if name in hop_counts(config).members]
-        marked = Cat(event[name] for name in marks).any() if marks else 0
-        m.d.comb += inside.eq(Cat(sides).all() & ~back & ~marked)
-        with m.If(moves | again):
+        marked = Cat(event_s2[name] for name in marks).any() if marks else 0
+        m.d.comb += [
+            inside.eq(Cat(sides).all() & ~back_s2 & ~marked),
+            # Time never steps back here, so the sign tells.
+            late.eq(timed & ~back_s2 & ~(now_s2 - target)[config.time_bits - 1]),
+        ]
+        with m.If(moves | stops):
             m.d.sync += [
+                valid_s2.eq(Mux(stops, valid_s3, valid_s1)),
+                event_s2.eq(Mux(stops, event_s3.as_value(), event_s1.as_value())),
+                now_s2.eq(Mux(stops, now_s3, now)),
+                back_s2.eq(Mux(stops, back_s3, since[-1])),
+                *(later.eq(value) for later, value in ((valid_s3, valid_s2), (event_s3, event_s2))),
+                *(later.eq(value) for later, value in ((now_s3, now_s2), (back_s3, back_s2))),
                 inside_s3.eq(inside),
-                # Time never steps back here, so the sign tells.
-                due_s3.eq(timed & ~back & ~(now - target)[config.time_bits - 1]),
+                due_s3.eq(late),
+                stands_s3.eq(valid_s2 & ~late),  # there is an event, and the hop does not end before it
             ]
         m.d.sync += timed.eq(lengths.hop_us != 0)
 
         # Stage 3: whether it stays, and whether it ends a hop.
-        counts = Signal(hop_counts(config))
-        taken = Signal.like(counts.events, name="taken")
+        taken = Signal.like(self.counts.events, name="taken")
         longest = Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us)
         step_s1 = delay(m, step, 1, name="step")
         m.d.comb += self.step.eq(step_s1)
         m.d.sync += self.stale.eq(step_s1 > delay(m, longest, 1, name="longest"))
         most = config.max_batch_events
-        # Flags: the next one that stays ends the hop; any is the last of so many; there is no place; a hop may close.
-        ending, greatest, no_place, free = Signal(), Signal(init=most == 1), Signal(), Signal()
+        # Flags: the next one that stays ends the hop; any is the last of so many; a hop may close. One that stays
+        # waits, for it has no place, or would close a hop that may not close yet; any waits, for it would.
+        ending, greatest, free, waits, all_wait = Signal(), Signal(init=most == 1), Signal(), Signal(), Signal()
         skipped, others = Signal(Widths.thinning_bits), Signal(Widths.thinning_bits)
         marks = {name: event_s3[name] & ~back_s3 for name in marks}
         marked = Cat(marks.values()).any() if marks else 0
+        stored = Signal()
         m.d.comb += [
             step.eq(self.now - before),
             stays.eq(inside_s3 & keeps),
             due.eq(due_s3),
             last.eq((stays & ending) | greatest),
-            full.eq(stays & no_place),
-            closes.eq(valid_s3 & (due | (last & ~full)) & free),
-            goes.eq(~due & ~full & ~self.closed & ~again & (~last | free)),
+            full.eq(stays & waits),
+            closes.eq(free & ((valid_s3 & due) | (stands_s3 & last & ~full))),
+            goes.eq(stands_s3 & ~stops & ~all_wait & ~full),
+            stored.eq(goes & stays),
         ]
-        gone = valid_s3 & goes
         m.d.sync += [
             self.closed.eq(closes),
-            self.o.valid.eq(gone & stays),
-            *(self.o.payload[name].eq(event_s3[name]) for name in self.o.payload.shape().members),
+            self.o.valid.eq(stored),
+            *(self.o.payload[name].eq(event_s3[name]) for name in ("x", "y")),
+            self.o.payload.t.eq(now_s3),  # of one that stays
             others.eq(Mux(self.thinning == 0, 0, self.thinning - 1)),
-            # As the oldest was a cycle ago: a place that has become free since is used a cycle later.
-            no_place.eq(Mux(gone & stays, after == self.oldest, behind == self.oldest)),
-            free.eq(self.free & ~closes & ~self.closed & ~again),
+            free.eq(self.free & ~closes & ~self.closed),
+            # As the oldest was a cycle ago: a place that has become free since is used a cycle later. Where a hop has
+            # closed, all stops until that is known here.
+            waits.eq(
+                Mux(
+                    stored,
+                    (after == self.oldest) | ((left == 2) & ~self.free),
+                    (behind == self.oldest) | (ending & ~self.free),
+                )
+            ),
+            all_wait.eq(Mux(goes, taken == most - 2, greatest) & ~self.free),
         ]
-        lost = {"events": 1, "fresh": stays, "outside": ~inside_s3 & ~back_s3 & ~marked}
+        lost = {"fresh": stays, "outside": ~inside_s3 & ~back_s3 & ~marked}
         lost |= {"thinned": inside_s3 & ~stays, "time_back": back_s3} | marks
-        grown = Signal(hop_counts(config), name="grown")  # two cycles later
+        grown = Signal(data.StructLayout({name: taken.shape() for name in lost}), name="grown")  # two cycles later
+        counts = Signal.like(grown, name="counts")
         for name, which in lost.items():
-            m.d.comb += grown[name].eq(counts[name] + delay(m, gone & which, 2, name=f"grows_{name}", valid=True))
+            m.d.comb += grown[name].eq(counts[name] + delay(m, goes & which, 2, name=f"grows_{name}", valid=True))
         m.d.sync += counts.eq(Mux(again, 0, grown.as_value()))
+        with m.If(self.closed):
+            m.d.sync += self.counts.events.eq(taken)
         with m.If(again):
-            m.d.sync += self.counts.eq(grown)
-        with m.If(gone):
+            m.d.sync += [self.counts[name].eq(grown[name]) for name in lost]
+        with m.If(goes):
             m.d.sync += [taken.eq(taken + 1), greatest.eq(taken == most - 2)]
         m.d.comb += kept.eq(keeps)
-        with m.If(gone & inside_s3):
+        with m.If(goes & inside_s3):
             m.d.comb += kept.eq(Mux(keeps, others == 0, skipped == 1))
             m.d.sync += skipped.eq(Mux(keeps, others, skipped - 1))
         m.d.sync += keeps.eq(kept)
-        with m.If(gone & stays):
+        with m.If(stored):
             m.d.sync += [place.eq(behind), behind.eq(after), after.eq(after + 1)]
             m.d.sync += [left.eq(left - 1), ending.eq(left == 2)]
-        with m.If(closes):
-            m.d.sync += [self.end.eq(place + (stays & ~due)), self.now.eq(now_s3), before.eq(self.now)]
-        with m.If(self.closed | ~begun):  # the next hop begins
+        # They follow the events until the hop closes, for less hangs on a register than on its end.
+        with m.If(free):
+            m.d.sync += [self.end.eq(Mux(stays & ~due, behind, place)), self.now.eq(now_s3)]
+        # The first hop begins a cycle after its first event is there, before that is judged.
+        waits_first = ~delay(m, begun, 1, name="begun", valid=True)
+        with m.If((self.free & ~free & ~self.closed) | waits_first):  # from the next cycle on a hop may close
+            m.d.sync += before.eq(self.now)
+        with m.If(self.closed | waits_first):  # the next hop begins
             m.d.sync += [
                 roi.eq(self.corner),
                 *(ends[axis].eq(self.corner[axis] + size) for axis, size in zip("xy", sizes, strict=True)),
-                target.eq(Mux(begun, self.now, self.i.payload.t) + lengths.hop_us),
+                target.eq(self.now + lengths.hop_us),
                 left.eq(lengths.hop_events),
                 ending.eq(lengths.hop_events == 1),
                 taken.eq(0),
                 greatest.eq(most == 1),
             ]
         with m.If(~begun):
-            m.d.sync += [self.now.eq(self.i.payload.t), latest.eq(self.i.payload.t), begun.eq(self.i.valid)]
+            m.d.sync += [time.eq(self.i.payload.t) for time in (self.now, latest)]
+            m.d.sync += begun.eq(self.i.valid)
         return m

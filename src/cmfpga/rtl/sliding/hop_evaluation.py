@@ -12,6 +12,11 @@ from ..ascent.ascent import ascent_run
 from .ring import address_bits
 
 COLD, WARM, FOLLOW, AFTER = range(len(PLANS))
+#: Of an evaluation.
+STATES = (
+    "OPEN", "LOAD", "LOADED", "AHEAD", "WAIT", "TAKE", "DIVIDE", "ROUNDS", "MOVE", "RESULT", "AFTER", "JUDGE", "WALK",
+    "MEASURE",
+)  # fmt: skip
 
 
 def hop(config):
@@ -90,8 +95,8 @@ class HopEvaluation(Block):
         Carry the ROI on; the window starts cold; move the window's begin on.
     since : ``Out``
         The last reference time as an event's of this window, µs.
-    keep, kept : ``Out(1)``
-        Keep what the judging round found; that is what the result is judged by.
+    keep : ``Out(1)``
+        Keep what the last round found: by that the result is judged, or the next one.
     degenerate : ``Out(1)``
     iterations, cycles : ``Out``
         Rounds done; clock cycles since the hop closed.
@@ -104,7 +109,7 @@ class HopEvaluation(Block):
         inputs = ("offered", "cleared", "walked", "divided", "complete", "summed", "judged", "drained", "taken")
         outputs = (
             "begins", "load", "opened", "free", "closed", "divide", "replay", "next", "iterating", "wants_verdict",
-            "move", "cold", "walk", "keep", "kept", "degenerate",
+            "move", "cold", "walk", "keep", "degenerate",
         )  # fmt: skip
         super().__init__(
             **dict.fromkeys(inputs, In(1)),
@@ -139,12 +144,13 @@ class HopEvaluation(Block):
             ahead.eq(last_step + gap),
             self.walk.eq(walks),
         ]
+        kept = Signal()
         m.d.comb += [
             self.cold.eq(run.plan == COLD),
-            self.kept.eq(held & ~self.cold),
+            kept.eq(held & ~self.cold),
         ]
         m.d.sync += [
-            self.wants_verdict.eq(judges & ((run.plan == AFTER) | ~self.kept)),
+            self.wants_verdict.eq(judges & ((run.plan == AFTER) | ~kept)),
             following.eq(self.iterations + 1),
             final.eq((run.plan == AFTER) | (following == delay(m, run.planned, 1, name="planned"))),
             after.eq(judges & (settings.after.count != 0)),
@@ -159,7 +165,6 @@ class HopEvaluation(Block):
         m.d.comb += [run.start.eq(self.divided | judging), self.replay.eq(run.start | next_replay)]
         closing = Signal()  # in a state in which a hop may close
         m.d.sync += self.free.eq(closing & ~self.closed & ~hop.closed)
-        m.d.sync += self.cycles.eq(Mux(hop.closed, 1, self.cycles + 1))
         with m.If(hop.closed):
             m.d.sync += self.closed.eq(1)
         with m.If(deciding):
@@ -179,102 +184,96 @@ class HopEvaluation(Block):
         m.d.comb += self.begins.eq(fresh & self.offered & self.cleared)
         with m.If(fresh):
             m.d.sync += [run.settings.eq(self.given), fresh.eq(~self.begins)]
-        m.d.sync += [run.take.eq(0), self.divide.eq(0), judging.eq(0), ended.eq(0)]
-        begin = [run.take.eq(1), self.divide.eq(1)]
-        with m.FSM(name="evaluate") as machine:
-            with m.State("OPEN"):
-                with m.If(self.begins):
-                    m.next = "LOAD"
-            with m.State("LOAD"):
-                m.d.comb += self.load.eq(1)
-                m.d.sync += timer.eq(7)
-                m.next = "LOADED"
-            with m.State("LOADED"):
-                m.d.sync += [timer.eq(timer - 1), ended.eq(timer == 1)]
-                with m.If(ended):
-                    m.d.sync += self.opened.eq(1)
-                    m.next = "AHEAD"
-            with m.State("AHEAD"):
-                m.d.comb += follows.eq(followed & follow)
-                m.d.sync += [self.iterations.eq(0), self.degenerate.eq(0)]
-                m.d.sync += self.unit.eq(Mux(ahead == 0, 1, Mux(ahead >> config.span_bits != 0, ~0, ahead)))
-                m.next = "WAIT"
-                with m.If(follows):
-                    m.d.sync += [run.plan.eq(FOLLOW), *begin]
-                    m.next = "TAKE"
-            with m.State("WAIT"):
-                m.d.sync += [self.unit.eq(span), run.plan.eq(Mux(followed, WARM, COLD))]
-                with m.If(decided):
-                    m.d.sync += self.degenerate.eq(discard)
-                    m.next = "RESULT"
-                    with m.If(~discard):
-                        m.d.sync += begin
-                        m.next = "TAKE"
-            with m.State("TAKE"):
-                m.next = "DIVIDE"
-            with m.State("DIVIDE"):
-                with m.If(self.divided):
-                    m.next = "ROUNDS"
-            with m.State("ROUNDS"):
-                m.d.sync += timer.eq(self._move - 1)
-                with m.If(discard):
-                    m.d.sync += self.degenerate.eq(1)
-                    with m.If(none):
-                        m.next = "RESULT"
-                    with m.Elif(self.summed):
-                        m.d.comb += other.eq(1)
-                        m.next = "RESULT"
-                with m.Elif(run.updated):
-                    m.d.sync += self.iterations.eq(self.iterations + 1)
-                    with m.If(final):
-                        m.next = "MOVE"
-            with m.State("MOVE"):
-                m.d.sync += [timer.eq(Mux(timer == 0, 0, timer - 1)), ended.eq(timer <= 1)]
-                with m.If(ended & (self.judged | ~self.wants_verdict)):
-                    m.next = "RESULT"
-            with m.State("RESULT"):
-                m.d.comb += run.done.eq(self.drained)
-                m.d.sync += [self.cycles.eq(self.cycles), timer.eq(4)]
-                with m.If(self.taken):
-                    m.d.comb += walks.eq(1)
-                    m.next = "WALK"
-                    with m.If(~self.degenerate):
-                        with m.If(after):
-                            m.d.comb += walks.eq(0)
-                            m.d.sync += [run.plan.eq(AFTER), run.take.eq(1)]
-                            m.next = "AFTER"
-            with m.State("AFTER"):
-                m.d.sync += [timer.eq(timer - 1), ended.eq(timer == 1), judging.eq(timer == 1)]
-                with m.If(ended):
-                    m.next = "JUDGE"
-            with m.State("JUDGE"):
-                done = Signal()
-                m.d.sync += done.eq(done | run.updated)
-                with m.If((done | run.updated) & self.judged):
-                    m.d.comb += [self.keep.eq(1), walks.eq(1)]
-                    m.d.sync += [held.eq(1), done.eq(0)]
-                    m.next = "WALK"
-            with m.State("WALK"):
-                m.d.sync += timer.eq(1)
-                with m.If(self.walked):
-                    m.next = "MEASURE"
-            with m.State("MEASURE"):  # how far ahead the next window's end will be
-                m.d.sync += [timer.eq(timer - 1), ended.eq(timer == 1)]
-                with m.If(ended):
-                    m.next = "AHEAD"
-        m.d.comb += closing.eq(Cat(map(machine.ongoing, ("AHEAD", "WAIT", "TAKE", "DIVIDE", "ROUNDS"))).any())
+        more = Signal()  # a round that judges, behind a result
+        m.d.sync += more.eq(after & ~discard)
+        m.d.comb += follows.eq(followed & follow)
+        m.d.sync += [each.eq(0) for each in (run.take, self.divide, judging, ended, self.keep)]
+        begin = run.take, self.divide
+        # A register for each state, for wires are long, and none is left for a decoder.
+        at = {state: Signal(name=f"at_{state.lower()}", init=state == "OPEN") for state in STATES}
+
+        def go(old, new):
+            return [at[old].eq(0), at[new].eq(1)]
+
+        with m.If(at["OPEN"] & self.begins):
+            m.d.sync += go("OPEN", "LOAD")
+        m.d.comb += self.load.eq(at["LOAD"])
+        with m.If(at["LOAD"]):
+            m.d.sync += [timer.eq(7), *go("LOAD", "LOADED")]
+        with m.If(at["LOADED"]):
+            m.d.sync += [timer.eq(timer - 1), ended.eq(timer == 1)]
+            with m.If(ended):
+                m.d.sync += [self.opened.eq(1), *go("LOADED", "AHEAD")]
+        with m.If(at["AHEAD"]):
+            m.d.sync += [self.iterations.eq(0), self.degenerate.eq(0), run.plan.eq(FOLLOW), at["AHEAD"].eq(0)]
+            m.d.sync += self.unit.eq(Mux(ahead == 0, 1, Mux(ahead >> config.span_bits != 0, ~0, ahead)))
+            m.d.sync += [at["TAKE"].eq(follows), at["WAIT"].eq(~follows)]
+            m.d.sync += [each.eq(follows) for each in begin]
+        with m.If(at["WAIT"]):
+            m.d.sync += [self.unit.eq(span), run.plan.eq(Mux(followed, WARM, COLD)), self.degenerate.eq(discard)]
+            with m.If(decided):
+                m.d.sync += [at["WAIT"].eq(0), at["RESULT"].eq(discard), at["TAKE"].eq(~discard)]
+                m.d.sync += [each.eq(~discard) for each in begin]
+        with m.If(at["TAKE"]):
+            m.d.sync += go("TAKE", "DIVIDE")
+        with m.If(at["DIVIDE"] & self.divided):
+            m.d.sync += go("DIVIDE", "ROUNDS")
+        with m.If(at["ROUNDS"]):
+            m.d.sync += timer.eq(self._move - 1)
+            with m.If(discard):
+                m.d.sync += self.degenerate.eq(1)
+                m.d.comb += other.eq(run.updated | (self.summed & ~none))
+                with m.If(Mux(none, self.drained, self.summed)):
+                    m.d.sync += go("ROUNDS", "RESULT")
+            with m.Elif(run.updated):
+                m.d.sync += self.iterations.eq(self.iterations + 1)
+                with m.If(final):
+                    m.d.sync += go("ROUNDS", "MOVE")
+        with m.If(at["MOVE"]):
+            m.d.sync += [timer.eq(Mux(timer == 0, 0, timer - 1)), ended.eq(timer <= 1), self.keep.eq(~kept)]
+            with m.If(ended & (self.judged | ~self.wants_verdict)):
+                m.d.sync += go("MOVE", "RESULT")
+        m.d.comb += run.done.eq(at["RESULT"])
+        with m.If(at["RESULT"]):
+            m.d.sync += timer.eq(4)
+            m.d.comb += walks.eq(self.taken & ~more)
+            with m.If(self.taken):
+                m.d.sync += [at["RESULT"].eq(0), at["AFTER"].eq(more), at["WALK"].eq(~more), run.take.eq(more)]
+        with m.If(at["AFTER"]):
+            m.d.sync += [run.plan.eq(AFTER), timer.eq(timer - 1), ended.eq(timer == 1), judging.eq(timer == 1)]
+            with m.If(ended):
+                m.d.sync += go("AFTER", "JUDGE")
+        done = Signal()
+        with m.If(at["JUDGE"]):
+            m.d.sync += done.eq(done | run.updated)
+            with m.If((done | run.updated) & self.judged):
+                m.d.comb += walks.eq(1)
+                m.d.sync += [self.keep.eq(1), held.eq(1), done.eq(0), *go("JUDGE", "WALK")]
+        with m.If(at["WALK"]):
+            m.d.sync += timer.eq(1)
+            with m.If(self.walked):
+                m.d.sync += go("WALK", "MEASURE")
+        with m.If(at["MEASURE"]):  # how far ahead the next window's end will be
+            m.d.sync += [timer.eq(timer - 1), ended.eq(timer == 1)]
+            with m.If(ended):
+                m.d.sync += go("MEASURE", "AHEAD")
+        m.d.comb += closing.eq(Cat(at[state] for state in ("AHEAD", "WAIT", "TAKE", "DIVIDE", "ROUNDS")).any())
         # A cycle after the result is taken, for much hangs on it.
         with m.If(delay(m, run.done & self.taken, 1, name="taken", valid=True)):
             m.d.sync += [followed.eq(~self.degenerate), last_step.eq(hop.step), self.age.eq(age)]
             with m.If(~self.degenerate):
                 m.d.sync += [held.eq(0), half.eq(self.unit >> 1), first.eq(hop.t_first)]
+        with m.If(hop.closed):
+            m.d.sync += self.cycles.eq(1)
+        with m.Elif(~at["RESULT"]):
+            m.d.sync += self.cycles.eq(self.cycles + 1)
         # Whether v is the window's when it has changed: known long before.
         carries = Signal()
-        m.d.sync += carries.eq(machine.ongoing("ROUNDS") & final & ~discard)
+        m.d.sync += carries.eq(at["ROUNDS"] & final & ~discard)
         m.d.comb += self.move.eq(run.updated & carries)
         # No gradient comes in a round's first cycle, nor in the one after its last.
-        rounds = machine.ongoing("ROUNDS") & ~(discard | (deciding & ~enough))
-        m.d.sync += self.iterating.eq(rounds | machine.ongoing("JUDGE"))
+        rounds = at["ROUNDS"] & ~(discard | (deciding & ~enough))
+        m.d.sync += self.iterating.eq(rounds | at["JUDGE"])
         m.d.comb += run.degenerate.eq(self.degenerate)
         return m
 

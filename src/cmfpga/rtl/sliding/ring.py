@@ -112,11 +112,12 @@ class Ring(Block):
         ]
         last = delay(m, (self.end - 1)[: len(self.end)], 1, name="last_place")
         empty, comes = delay(m, address_s1 == self.end, 1, name="empty"), write.en
+        one, two, three = held != 0, held >= 2, (held >= 4) | (held == 3)  # or more: bits tell, without an adder
         m.d.sync += [
             closed.eq(self.closed),
             ends.eq(Mux(goes, next_s1 == last, address_s1 == last)),
-            some.eq(comes | Mux(goes, held > 1, held != 0)),
-            more.eq(Mux(goes, (held > 2) | ((held > 1) & comes), (held > 1) | ((held != 0) & comes))),
+            some.eq(comes | Mux(goes, two, one)),
+            more.eq(Mux(goes, three | (two & comes), two | (one & comes))),
         ]
         with m.If(~reading_s1):  # where the next replay begins
             m.d.sync += [address_s1.eq(self.first), next_s1.eq(self.first + 1)]

@@ -66,27 +66,28 @@ class RoiCarrier(Block):
             most = limit << frac
             v = delay(m, self.v[axis], 1, name=f"v_{axis}")  # from far away
             place = Signal(bits_for(limit) + frac, name=f"place_{axis}")
-            start = Signal.like(place, name=f"start_{axis}")
             step = Signal(signed(config.formats.v.width + len(factor)), name=f"step_{axis}")
             target = Signal(signed(max(len(place), len(step)) + 2), name=f"target_{axis}", reset_less=True)
             ahead = Signal(signed(max(len(place), config.formats.v.width + shift) + 2), name=f"ahead_{axis}")
             with m.If(self.move):
-                # The sign counts −1: minus that is plus v.
-                m.d.sync += [step.eq(0), start.eq(Mux(self.cold, self.crop[axis] << frac, place))]
+                m.d.sync += step.eq(0)
             with m.Elif(running.any()):
+                # The sign counts −1: minus that is plus v.
                 # What counts negative is inverted, and what shifts in carries.
                 bit, inverts = Mux(factor[-1], v, 0), ~running[0]
                 bit = (bit.as_unsigned() ^ inverts.replicate(len(v))).as_signed()
                 m.d.sync += step.eq(Cat(inverts, step).as_signed() + bit)
-            m.d.sync += target.eq(start + step)
-            with m.If(self.load):
-                m.d.sync += [place.eq(self.crop[axis] << frac), self.next_crop[axis].eq(self.crop[axis])]
+            m.d.sync += target.eq(place + step)
+            with m.If(self.load | (self.move & self.cold)):
+                m.d.sync += place.eq(self.crop[axis] << frac)
             with m.Elif(placed):
                 m.d.sync += place.eq(saturate(target, 0, most))
             # v, and what rounds half up: known long before the place is.
             ahead_v = Signal(signed(max(config.formats.v.width + shift, frac) + 1), name=f"ahead_v_{axis}")
             m.d.sync += [ahead_v.eq((v << shift) + half_of(frac)), ahead.eq((place + ahead_v) >> frac)]
-            with m.If(cropped):
+            with m.If(self.load):
+                m.d.sync += self.next_crop[axis].eq(self.crop[axis])
+            with m.Elif(cropped):
                 m.d.sync += self.next_crop[axis].eq(saturate(ahead, 0, limit))
             moved = Signal(name=f"moved_out_{axis}")
             with m.If(placed):

@@ -24,8 +24,9 @@ class Walker(Block):
     when the hop closed; after a pause of more than ``window_us`` all. It keeps the dither's phase at b, so that an
     event keeps its own for as long as it stays; a window that shares no event with the last one begins it anew.
 
-    An event per cycle, after :attr:`latency` cycles: of d dropped events ``done`` is d + :attr:`latency` cycles after
-    ``go``. The ring's read port is its own for so long.
+    An event per cycle. What is too many is dropped without a look at the ring, from the third cycle after ``closed``
+    on. From ``go`` on its read port is the walker's; of d events that are still to be dropped then, ``done`` is d +
+    :attr:`latency` cycles after it.
 
     Parameters
     ----------
@@ -33,9 +34,11 @@ class Walker(Block):
 
     Members
     -------
+    closed : ``In(1)``
+        The hop has closed, at ``end``. Once between ``done`` and ``go``.
     go : ``In(1)``
-        The hop has closed: ``end``, ``now`` and ``stale`` say where, when, and whether after a pause. Not while one
-        walks. The event before ``end`` can be read.
+        ``now`` and ``stale`` say when it has closed, and whether after a pause; at least two cycles later. The event
+        before ``end`` can be read.
     lengths : ``In``, :func:`lengths`
     look, t : ``Out``, ``In``
         A place, and the time of the event there, :attr:`Ring.latency <.ring.Ring.latency>` − 1 cycles later.
@@ -47,12 +50,13 @@ class Walker(Block):
         Its dither: (k + ½)·α.
     """
 
-    latency = Ring.latency + 3
+    latency = Ring.latency + 4
 
     def __init__(self, config):
         place = address_bits(config)
         super().__init__(
             config,
+            closed=In(1),
             go=In(1),
             end=In(place),
             now=In(config.span_bits),
@@ -71,38 +75,47 @@ class Walker(Block):
         config, lengths = self.config, self.lengths
         m = Module()
         phases = self.phase_x, self.phase_y
-        held = Signal.like(self.begin)  # events of the window
+        # Those of the next window, which are not told before it is complete.
+        ahead = Signal.like(self.begin)
+        its_phases = [Signal.like(phase, name=f"ahead_{axis}") for axis, phase in zip("xy", phases, strict=True)]
+        held = Signal.like(self.begin)  # its events
         most = Signal.like(self.begin)  # how many of them may stay
         now, oldest, stale = Signal.like(self.now), Signal(config.span_bits), Signal()
         # A place is looked at in each cycle; what is there comes back in the same order.
         walking = Signal()
-        arrived = Signal(Ring.latency + 2)
+        counts = Signal()  # drops what is too many
+        arrived = Signal(Ring.latency + 3)
         # Flags of ``held``, which stand beside it: there are some, and more than may stay.
-        some, over, drops = Signal(), Signal(), Signal()
+        some = Signal()
+        over = Signal()
+        drops = Signal()
         more = Signal(len(most) + 1)  # than may stay by one
-        age_s1 = delay(m, (now - self.t)[: config.span_bits], 1, name="age")
-        old_s2, t_s2 = delay(m, age_s1 > oldest, 1, name="old"), delay(m, self.t, 2, name="t")
-        m.d.comb += drops.eq(some & (stale | over | old_s2))
+        t_s1 = delay(m, self.t, 1, name="t_from_ring")  # RAMs are slow, and far away
+        age_s2 = delay(m, (now - t_s1)[: config.span_bits], 1, name="age")
+        old_s3, t_s3 = delay(m, age_s2 > oldest, 1, name="old"), delay(m, t_s1, 2, name="t")
+        looked = walking & arrived[-2]
+        m.d.comb += drops.eq(Mux(walking, looked & some & (stale | over | old_s3), counts & over & ~self.go))
         m.d.sync += [some.eq(held != 0), over.eq(held > most), more.eq(most + 1)]
+        with m.If(self.closed):
+            m.d.sync += [held.eq(self.end - ahead), most.eq(lengths.window_events - lengths.hop_events)]
+        m.d.sync += counts.eq((counts | delay(m, self.closed, 1, name="closed", valid=True)) & ~self.go)
         m.d.sync += [self.done.eq(0), arrived.eq((arrived << 1) | walking), self.look.eq(self.look + 1)]
         with m.If(self.go):
             m.d.sync += [
                 walking.eq(1),
-                self.look.eq(self.begin),
-                held.eq(self.end - self.begin),
-                most.eq(lengths.window_events - lengths.hop_events),
+                self.look.eq(ahead),
                 now.eq(self.now),
                 stale.eq(self.stale),
                 oldest.eq(Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us) - lengths.hop_us),
                 arrived.eq(0),
             ]
-        with m.Elif(walking & arrived[-2]):
-            with m.If(drops):
-                m.d.sync += [self.begin.eq(self.begin + 1), held.eq(held - 1)]
-                m.d.sync += [some.eq(held != 1), over.eq(held > more)]
-                m.d.sync += [phase.eq(phase + factor) for phase, factor in zip(phases, FACTORS, strict=True)]
-            with m.Else():
-                m.d.sync += [walking.eq(0), self.done.eq(1), self.t_first.eq(t_s2), self.empty.eq(~some)]
-                with m.If(~some):
-                    m.d.sync += [phase.eq(factor // 2) for phase, factor in zip(phases, FACTORS, strict=True)]
+        with m.If(drops):
+            m.d.sync += [ahead.eq(ahead + 1), held.eq(held - 1), some.eq(held != 1), over.eq(held > more)]
+            m.d.sync += [phase.eq(phase + factor) for phase, factor in zip(its_phases, FACTORS, strict=True)]
+        with m.If(looked & ~drops):
+            m.d.sync += [walking.eq(0), self.done.eq(1), self.t_first.eq(t_s3), self.empty.eq(~some)]
+            m.d.sync += [self.begin.eq(ahead), *(new.eq(its) for new, its in zip(phases, its_phases, strict=True))]
+            with m.If(~some):
+                for phase, factor in zip((*phases, *its_phases), 2 * FACTORS, strict=True):
+                    m.d.sync += phase.eq(factor // 2)
         return m
