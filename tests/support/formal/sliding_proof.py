@@ -47,7 +47,7 @@ class RingHarness(Harness):
             Assume(~(dut.i.valid & reading) | (after != address)),
             Assume(~(dut.i.valid & dut.replay) | (after != dut.first)),
             Assert(stored == (dut.written + memory.write.en)[: len(stored)]),
-            Assert(memory.write.addr == dut.written),
+            Assert(self.register("stored") == stored),
             Assert(~reading | (following == (address + 1)[: len(address)])),
             Assert(~reading | (told == (following == ended[1]))),
         ]

@@ -153,6 +153,7 @@ class SlidingCore(Iterating, Block):
         wanted = {axis: settings[f"roi_{axis}"] for axis in "xy"}
         loaded = {axis: Mux(settings.roi_load, Mux(wanted[axis] > most, most, wanted[axis]), 0)
                   for axis, most in limits.items()}  # fmt: skip
+        moves = delay(m, settings.roi_gain != 0, 1, name="moves")
         m.d.comb += [
             self.reciprocal.start.eq(control.divide),
             self.reciprocal.span.eq(unit),
@@ -164,7 +165,7 @@ class SlidingCore(Iterating, Block):
             placer.corner.eq(corner),
             scaler.i.payload.t.eq(Mux(placer.o.valid, placer.o.payload.t, control.since)),
             carrier.load.eq(control.load),
-            carrier.move.eq(control.move & (settings.roi_gain != 0)),
+            carrier.move.eq(control.move & moves),
             carrier.cold.eq(control.cold),
             carrier.v.eq(self.ascent.v),
             carrier.since.eq(scaler.o.payload.dt),
@@ -177,7 +178,7 @@ class SlidingCore(Iterating, Block):
         with m.Elif(is_late):
             m.d.sync += late.eq(late + 1)
         outside = settings.roi_load & ((wanted["x"] > limits["x"]) | (wanted["y"] > limits["y"]))
-        self._result(m, hop, corner, cropped, late, outside)
+        self._result(m, hop, corner, cropped, late, outside, moves)
         return m
 
     def _take_in(self, m):
@@ -272,7 +273,7 @@ class SlidingCore(Iterating, Block):
         m.d.sync += been.eq(been | value)
         return been
 
-    def _result(self, m, hop, corner, cropped, late, outside):
+    def _result(self, m, hop, corner, cropped, late, outside, moves):
         """Nothing of this changes while a result waits."""
         control, hops, config, sums = self.iteration_control, self.hop_control, self.config, self.image.sums
         settings, counts, result = control.run.settings, hops.counts, self.o.payload
@@ -283,7 +284,7 @@ class SlidingCore(Iterating, Block):
         m.d.sync += pending.eq(hops.closed | (pending & ~control.taken))
         busy = hops.waits | hops.closed | pending
         m.d.comb += self.busy.eq(busy | self.waiting if self.front else busy)
-        moved = ~degenerate & (settings.roi_gain != 0)
+        moved = ~degenerate & moves
         flags = {
             Flag.DEGENERATE: degenerate,
             Flag.TIME_BACK: counts.time_back != 0,

@@ -93,7 +93,10 @@ class Ring(Block):
 
         # Written a cycle after it came.
         m.d.sync += [write.en.eq(self.i.valid), write.data.eq(self.i.payload)]
-        m.d.sync += [write.addr.eq(write.addr + write.en), self.written.eq(self.written + write.en)]
+        m.d.sync += write.addr.eq(write.addr + write.en)
+        m.d.comb += self.written.eq(write.addr)
+        stored = Signal.like(self.written)  # the same, and a cycle earlier
+        m.d.sync += stored.eq(stored + self.i.valid)
 
         # Stage 1: place. What decides stands in registers, for much hangs on it: whether the event there can be read,
         # the one behind it too, and whether it is the last.
@@ -121,7 +124,7 @@ class Ring(Block):
         ]
         with m.If(~reading_s1):  # where the next replay begins
             m.d.sync += [address_s1.eq(self.first), next_s1.eq(self.first + 1)]
-            m.d.sync += [held.eq(self.written - address_s1 + comes), reading_s1.eq(self.replay)]
+            m.d.sync += [held.eq(stored - address_s1), reading_s1.eq(self.replay)]
         with m.Else():
             m.d.sync += held.eq(Mux(goes, Mux(comes, held, held - 1), held + comes))  # only a choice hangs on ``goes``
             with m.If(goes):
