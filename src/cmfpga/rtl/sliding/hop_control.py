@@ -118,7 +118,7 @@ class HopControl(Block):
         back_s2, back_s3 = (Signal(name=f"back_s{stage}", reset_less=True) for stage in (2, 3))
         since = (event_s1.t - latest)[: config.time_bits]
         now = Mux(since[-1], latest, event_s1.t)
-        with m.If(moves & valid_s1):
+        with m.If(valid_s1):  # whether or not it moves: a second time changes nothing
             m.d.sync += latest.eq(now)
 
         # Stage 2: whether it lies in the ROI, and comes behind the hop.
