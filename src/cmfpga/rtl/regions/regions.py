@@ -237,7 +237,7 @@ class Regions(Block):
             ]
         for number, unit in enumerate(self.units):
             # Which distributor began it.
-            loads = Signal(range(len(distributors)), name=f"loads_{number}")
+            loads = Signal(range(max(2, len(distributors))), name=f"loads_{number}")
             for which, distributor in enumerate(distributors):
                 with m.If(distributor.begin[number]):
                     m.d.sync += loads.eq(which)
