@@ -112,3 +112,16 @@ def test_an_undistorted_event_on_the_sensors_last_column(cores, rng):
     wanted = list(Sliding(config, given).run(t, x, y))
     assert len(wanted) > 20
     compare(wanted, played(cores(config), given, (t, x, y), rng, waits=False))
+
+
+def test_an_image_far_from_its_first_events(cores, rng):
+    """A fast object on a wide sensor: the image lies six ROIs ahead of where the window's first events were."""
+    config = CASES["by number"].replace(
+        sensor_width=320, sensor_height=240, window_events=4, hop_events=3, min_roi_events=2, v_int=8,
+        cold="0:1:1/8", follow="0:1:1/8",
+    )  # fmt: skip
+    given = dataclasses.replace(BatchSettings.from_config(config, roi=(100, 90)), v_start=(6400, 0))
+    t, x, y = np.arange(2000) * 20, rng.integers(100, 320, 2000), rng.integers(85, 105, 2000)
+    wanted = list(Sliding(config, given).run(t, x, y))
+    assert any(one.sums[0] and abs(one.v[0]) > 99 for one in wanted)  # by an event that came from there
+    compare(wanted, played(cores(config), given, (t, x, y), rng, waits=False))

@@ -157,7 +157,6 @@ def modelled(hops, events):
     found, low = [], (1 << CONFIG.span_bits) - 1
     state = sliding.window[0], sliding._origin, 0
     closed = int(events[0][0])
-    masks = [(1 << ring.ring_event(CONFIG)[axis].width) - 1 for axis in "xy"]
     close = sliding._close
 
     def noted(now):
@@ -166,7 +165,7 @@ def modelled(hops, events):
         held, origin, begin = state
         phases = tuple((f // 2 + (begin - origin) * f) % (1 << DITHER_BITS) for f in FACTORS)
         first = int(held[0]) & low if len(held) else None
-        out = [(a & low, b & masks[0], c & masks[1]) for a, b, c in zip(t, x, y, strict=True)]
+        out = [(a & low, b, c) for a, b, c in zip(t, x, y, strict=True)]
         stale = int(now - closed > (hops["window_us"] or 1 << (CONFIG.span_bits - 1)))
         found.append((begin & wide, sliding.end & wide, now & low, stale, first, phases, out))
         hop = close(now)

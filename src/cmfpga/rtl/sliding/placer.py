@@ -16,24 +16,11 @@ def placed_event(config):
     It lies outside of the image where the object came from, or goes to. Where the hardware undistorts, it has still
     half a pixel more than it is, as of :func:`payloads.dithered_event`.
     """
-    frac, bits = config.formats.dithered_frac, _whole_bits(config)
-    if config.formats.event_frac and config.dither_frac:
-        # With that half, and the dither's, an event of the sensor's last pixel may reach the one behind it.
-        sides = dict(zip("xy", config.geometry.size, strict=True))
-        bits = {axis: bits_for(sides[axis]) if _is_all(config, axis) else own for axis, own in bits.items()}
-    places = {axis: payloads.Fixed(Q(own, frac)) for axis, own in bits.items()}
+    # With that half, and the dither's, an event of the sensor's last pixel may reach the one behind it.
+    last = 0 if config.formats.event_frac and config.dither_frac else 1
+    sizes, frac = zip("xy", config.geometry.size, strict=True), config.formats.dithered_frac
+    places = {axis: payloads.Fixed(Q(bits_for(size - last), frac)) for axis, size in sizes}
     return payloads.layout(t=signed(config.span_bits + 1), **places, last=1)
-
-
-def _is_all(config, axis):
-    """Whether the ring keeps all bits of a place; else the lowest, which tell a difference of less than half."""
-    return _whole_bits(config)[axis] == getattr(config.geometry, f"{axis}_bits")
-
-
-def _whole_bits(config):
-    """Integer bits of a difference of two places, by axis."""
-    event = ring_event(config)
-    return {axis: event[axis].width - config.formats.event_frac for axis in "xy"}
 
 
 class Placer(Block):
@@ -78,10 +65,8 @@ class Placer(Block):
         t_s1 = Signal(config.span_bits, reset_less=True)
         m.d.sync += [t_s1.eq(event.t - self.t_first), self.o.payload.t.eq(t_s1)]
         for axis, factor in zip("xy", FACTORS, strict=True):
-            bits = _whole_bits(config)[axis] + frac
             difference = event[axis] - Cat(Const(0, frac), self.corner[axis])
-            at_s1 = Signal(signed(bits + 1), name=f"{axis}_s1", reset_less=True)
-            m.d.sync += at_s1.eq(difference if _is_all(config, axis) else difference[:bits].as_signed())
+            at_s1 = delay(m, difference, 1, name=axis)
             place = at_s1 << (wide - frac)
             if dithered:
                 phase = Signal(DITHER_BITS, name=f"phase_{axis}_s1")

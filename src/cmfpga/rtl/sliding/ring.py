@@ -11,14 +11,14 @@ from ..image.sliced_memory import SHALLOW, SlicedMemory
 
 
 def ring_event(config):
-    """An event as the ring keeps it: time, column and row, of each the lowest bits.
+    """An event as the ring keeps it: its place on the sensor, and the lowest bits of its time.
 
-    Two times in the ring differ by less than 2^span_bits µs. Two places differ by less than four times the ROI's
-    longer side.
+    Two times in the ring differ by less than 2^span_bits µs. Two places may lie as far from each other as the sensor
+    has pixels: a fast object's image lies far from where its first events were.
     """
-    sides = bits_for(4 * max(config.roi_width, config.roi_height) - 1)
-    bits = (min(sides, axis) + config.formats.event_frac for axis in (config.geometry.x_bits, config.geometry.y_bits))
-    return payloads.layout(t=config.span_bits, **dict(zip("xy", bits, strict=True)))
+    frac = config.formats.event_frac
+    places = {axis: bits_for(side - 1) + frac for axis, side in zip("xy", config.geometry.size, strict=True)}
+    return payloads.layout(t=config.span_bits, **places)
 
 
 def address_bits(config):
