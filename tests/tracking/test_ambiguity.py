@@ -12,6 +12,7 @@ from cmfpga.engines import make_engine
 from cmfpga.events import Events, generate
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.tracking import ambiguity as rules
 from cmfpga.tracking.ambiguity import UNTRUSTED, Ambiguity, ambiguity
 from cmfpga.tracking.columns import columns
 from cmfpga.tracking.verdict import Verdict
@@ -78,6 +79,16 @@ def test_what_the_border_cuts_does_not_change(engine):
         (result,) = engine.run(events, settings)
         told.append(ambiguity(CONFIG, events, result, thinned=bool(result.thinned)))
     assert not any(one & Ambiguity.CHANGES for one in told) and sum(one & UNTRUSTED == 0 for one in told) > 12
+
+
+def test_the_ends_of_the_time_are_compared(rng):
+    """Points that others replace: the middle third has both, and is like either end."""
+    size, pixels = (64, 64), rng.integers(20, 44, (2, 2, 60)).repeat(60, 2)
+    dt = rng.uniform(-1, 1 / 3, 3600)
+    x, y, dt = (np.concatenate(each) for each in ((*pixels[:, 0],), (*pixels[:, 1],), (dt, -dt)))
+    halves = [rules._spectra(x[part], y[part], dt[part], size) for part in np.split(rng.permutation(len(dt)), 2)]
+    images = np.fft.irfft2(np.stack([rules._moved(half, (0, 0), size) for half in halves]).sum(1), (32, 32))
+    assert rules._lasting(sum(halves), images[:, 4], (0, 0), size) < 0.3 < rules.LASTS
 
 
 @pytest.mark.parametrize("step, told", [(1000, 0), (15_000, Ambiguity.FEW_STAMPS)])
