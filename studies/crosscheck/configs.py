@@ -94,6 +94,9 @@ def _fields(rng, regions, shell):
         values |= {"ascent": "newton", "gradient": "one_pass", "border": "whole"} if rounds else {}
     known = defaults | values
     sensor = known["sensor_width"], known["sensor_height"]
+    # Or the table that undistorts would have millions of nodes, which take minutes to emit.
+    pixels = int(np.prod(sensor))
+    values["undistortion_cell"] = max(known["undistortion_cell"], (pixels.bit_length() - 15) // 2)
     marked = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
     values["hot_mask"] = "" if shell else marked
     values["camera"] = ",".join(map(repr, random_lens(SimpleNamespace(**known | values), rng)))
