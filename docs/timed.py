@@ -42,7 +42,8 @@ def placed_table():
         if preset(name).slides:
             core = SlidingCore(preset(name))
             Fragment.get(core, None)
-            waits = [f"{(core.tail + 1) / row['fmax_mhz']:.2f} (a hop)"]
+            after = core.tail + core.hop_control.latency - 1  # from the event that ends a hop
+            waits = [f"{after / row['fmax_mhz']:.2f} (a hop)"]
         else:
             waits = [
                 f"{(cycles - description.ARTICLE_BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
