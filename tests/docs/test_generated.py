@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from cmfpga.cli import command as tool
+from cmfpga.config import preset
+from cmfpga.rtl.sliding.core import SlidingCore
 from support.baselines import BASELINES
 from support.board_files import load
 
@@ -57,6 +59,19 @@ def test_resources_in_the_prose_are_the_measured_ones():
     assert f"it reaches {BASELINES['placed']['fast']['fmax_mhz']:.0f} MHz" in readme
     sliding = "{} LUT, {} FF, {} BRAM36 and {} DSP".format(*row(plain["sliding"]).split(" / "))
     assert sliding in (ROOT / "docs" / "sliding.md").read_text(encoding="utf-8")
+
+
+def test_times_in_the_prose_are_the_measured_ones():
+    readme, build, sliding = (
+        (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/build.md", "docs/sliding.md")
+    )
+    fast, quad = (re.search(rf"^\| `{name}` .* ([\d.]+) \(T = 3\)", build, re.M)[1] for name in ("fast", "quad"))
+    assert f"placed on an ECP5; C on a busy server core | {quad} µs; {fast} µs; " in readme
+    assert f"\n{fast} µs, " in readme
+    core = SlidingCore(preset("sliding"))
+    late = core.cycles(roi_events=800, iterations=1) + 3  # from the event that ends a hop
+    assert f"{core.tail + 3} cycles; {late} if the round starts late" in readme
+    assert f"so {late} at T = 1, n = 800" in sliding
 
 
 def test_an_unknown_name_is_refused(maker):
