@@ -16,9 +16,8 @@ def ring_event(config):
     Two times in the ring differ by less than 2^span_bits µs. Two places may lie as far from each other as the sensor
     has pixels: a fast object's image lies far from where its first events were.
     """
-    frac = config.formats.event_frac
-    places = {axis: bits_for(side - 1) + frac for axis, side in zip("xy", config.geometry.size, strict=True)}
-    return payloads.layout(t=config.span_bits, **places)
+    geometry, frac = config.geometry, config.formats.event_frac
+    return payloads.layout(t=config.span_bits, x=geometry.x_bits + frac, y=geometry.y_bits + frac)
 
 
 def address_bits(config):
