@@ -81,6 +81,7 @@ MUTANTS = [
     Mutant("written over", "write.addr.eq(write.addr + write.en)", "write.addr.eq(write.addr)", ring),
     Mutant("the place after", "Mux(reading_s1, address_s1,", "Mux(reading_s1, next_s1,", ring),
     Mutant("goes on after the last", "If((goes & last_s1) | ", "If(", ring),
+    Mutant("an event of the next hop in an empty window", " & ~over)", ")", ring),
     Mutant("b passes e", "looked & some & (", "looked & (", walker),
     Mutant("told before it is complete", "self.begin.eq(ahead)", "self.begin.eq(ahead + 1)", walker),
     Mutant("an event more than fit", "(held > most)", "(held > most + 1)", walker),

@@ -114,11 +114,12 @@ class Ring(Block):
         ]
         last = delay(m, (self.end - 1)[: len(self.end)], 1, name="last_place")
         empty, comes = delay(m, address_s1 == self.end, 1, name="empty"), write.en
+        over = closed & empty
         one, two, three = held != 0, held >= 2, (held >= 4) | (held == 3)  # or more: bits tell, without an adder
         m.d.sync += [
             closed.eq(self.closed),
             ends.eq(Mux(goes, next_s1 == last, address_s1 == last)),
-            some.eq(comes | Mux(goes, two, one)),
+            some.eq((comes | Mux(goes, two, one)) & ~over),  # of an empty window none, though the next hop's are there
             more.eq(Mux(goes, three | (two & comes), two | (one & comes))),
         ]
         with m.If(~reading_s1):  # where the next replay begins
@@ -128,7 +129,7 @@ class Ring(Block):
             m.d.sync += held.eq(Mux(goes, Mux(comes, held, held - 1), held + comes))  # only a choice hangs on ``goes``
             with m.If(goes):
                 m.d.sync += [address_s1.eq(next_s1), next_s1.eq(next_s1 + 1)]
-            with m.If((goes & last_s1) | (closed & empty)):  # or a window without events
+            with m.If((goes & last_s1) | over):  # or a window without events
                 m.d.sync += reading_s1.eq(0)
 
         # Stage 2: the memory's own register. Stage 3: its output register.
