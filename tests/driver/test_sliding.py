@@ -63,6 +63,22 @@ def sent_by_chance(accelerator, words, rng):
     return accelerator.stop()
 
 
+def test_lengths_change_in_a_run(accelerator, rng):
+    """Windows and hops become longer and shorter, and the run goes on; everything equals the model."""
+    model, events, given = ModelEngine(CONFIG), object_of(rng, 2000), settings()
+    found, wanted = [], []
+    for k, part in enumerate(np.array_split(np.arange(2000), 7)):
+        changes = {"window_events": (120, 40, 60)[k % 3], "hop_events": (9, 12)[k % 2], "hop_us": (300, 0)[k % 2]}
+        given = dataclasses.replace(given, **changes)
+        wanted += model.run(events[part], given)
+        found += accelerator.run(events[part], settings=given)
+        given = dataclasses.replace(given, roi=None)
+    alike(found, wanted)
+    assert len({one.roi_events for one in wanted}) > 20
+    with pytest.raises(ConfigError, match="window_events = 0: 1 to 200 is needed"):
+        accelerator.run(events[:9], settings=dataclasses.replace(given, window_events=0, hop_events=0))
+
+
 def test_runs_equal_the_model(accelerator, rng):
     """Each with its settings, its events in pieces; counters account for every event."""
     results = late = taken = 0
@@ -72,7 +88,7 @@ def test_runs_equal_the_model(accelerator, rng):
         wanted = modelled(events, given)
         for part in np.split(np.arange(900), np.sort(rng.integers(0, 900, 3))):
             found += accelerator.run(events[part], settings=given)
-            given = settings(None, hop_events=1)  # means nothing: the run goes on
+            given = dataclasses.replace(given, roi=None, roi_gain=1, follow=())  # mean nothing: the run goes on
         alike(found, wanted)
         assert [one.batch for one in found] == [results + k + 1 for k in range(len(found))]
         assert any(Flag.DEGENERATE in one.flags for one in found)
@@ -97,12 +113,13 @@ def test_filters_of_noise(compiler, rng):
 
 
 def test_a_stream_with_stalls_and_pauses(accelerator, rng):
-    """Settings that are written while it runs are those of the next run; what nobody takes waits, and is counted."""
+    """Written while it runs, other settings than lengths are those of the next run; what nobody takes is counted."""
+    other = {"roi": (3, 5), "follow": "", "thinning": 2}
     first, second = object_of(rng), object_of(rng)
     accelerator.start(settings=settings(), form="EVT21")
     accelerator.send(encode(first[:300], "EVT21"))
     found = [next(accelerator.results(1))]
-    accelerator.control.write_settings(settings(roi=(3, 5), **OTHER), {"every": 1})
+    accelerator.control.write_settings(settings(**other), {"every": 1})
     found += sent_by_chance(accelerator, encode(first[300:], "EVT21"), rng)
     alike(found, modelled(first, settings()))
     accelerator.control.write("CTRL", START=1)
@@ -115,7 +132,7 @@ def test_a_stream_with_stalls_and_pauses(accelerator, rng):
     for name in ("result_stalls", "output_stalls", "input_stalls"):
         assert count[name] - before[name] > 10_000
     top.limit()
-    alike(accelerator.stop(), modelled(second, settings(roi=(3, 5), **OTHER)))
+    alike(accelerator.stop(), modelled(second, settings(**other)))
 
 
 def test_every_so_many_th_result_is_sent(accelerator, rng):

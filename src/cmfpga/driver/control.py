@@ -11,7 +11,7 @@ from ..errors import ConfigError, DeviceError, DeviceTimeout, WrongHardware
 from ..imaging.camera import node_writes
 from ..protocol.regions import RegionTable
 from ..protocol.registers import FORMATS, ID, MAP_VERSION, check, formats_of, register_map
-from ..protocol.settings import schedule_table, settings_values
+from ..protocol.settings import LENGTHS, schedule_table, settings_values
 from ..protocol.tables import mask_writes, window_words
 from ..protocol.words import setting_words
 
@@ -181,6 +181,13 @@ class Control:
         self._write_tables(rows, settings)
         if "ROI_LOAD" in self.registers:
             self.write("ROI_LOAD", LOAD=load)
+
+    def write_lengths(self, settings):
+        """How long windows and hops are from the next hop on, while no event waits."""
+        check_lengths(self.config, settings)
+        values = settings_values(self.config, settings)
+        for name, word in setting_words(self.registers, {one: values[one] for one in LENGTHS}).items():
+            self._write_once(self.registers[name], word)
 
     def _write_tables(self, rows, settings):
         """Rows of the table of regions, a camera's nodes and hot pixels, while no batch is under way."""

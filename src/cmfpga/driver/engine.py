@@ -84,7 +84,8 @@ class AcceleratorEngine(Engine):
     def _slide(self, events, words, settings):
         """A result of each hop that closes with these events.
 
-        A run begins where ``settings.roi`` is given, or none is under way; else it goes on, with its settings.
+        A run begins where ``settings.roi`` is given, or none is under way; else it goes on, with its settings, but for the
+        lengths of windows and hops.
         """
         top, control, found, before = self._accelerator, self._accelerator.control, [], {}
 
@@ -102,6 +103,8 @@ class AcceleratorEngine(Engine):
             control.write_input(top.form, False, top.timeout)
             control.write_settings(settings, {"every": 1})
             control.write("CTRL", START=1)
+        else:
+            control.write_lengths(settings)
         control.clear_interrupts()
         before |= {name: count(name) for name in ("EVENTS_IN", "BATCHES")}
         for first in range(0, len(words), top.backend.max_words):

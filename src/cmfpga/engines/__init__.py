@@ -14,7 +14,7 @@ from ..config.presets import ENGINES
 from ..errors import ConfigError, needs
 from ..protocol.regions import Region
 from ..protocol.results import BatchResult
-from ..protocol.settings import BatchSettings, clamp_roi
+from ..protocol.settings import LENGTHS, BatchSettings, clamp_roi
 from ..protocol.trace import Trace
 from ..verilog.compiler import CompilerError, cannot_compile
 
@@ -128,7 +128,8 @@ class Engine(ABC):
 
         ``settings``, a :class:`~cmfpga.protocol.settings.BatchSettings`, are run-time inputs. ``roi`` writes the row of
         a core of one ROI anew. A table of regions reads neither that nor ``thinning``, ``thin_target`` and
-        ``start_last``. Where windows slide, all are taken over when the row is written anew.
+        ``start_last``. Where windows slide, all are taken over when the row is written anew, and from then on
+        :data:`~cmfpga.protocol.settings.LENGTHS` alone: the next hop has them.
 
         Returns
         -------
@@ -153,7 +154,8 @@ class Engine(ABC):
         if not len(events):
             return [] if config.slides else [self._nothing()]
         if config.slides:
-            settings = self._begun if not self._loads and self._begun else settings
+            if self._begun and not self._loads:
+                settings = dataclasses.replace(self._begun, **{name: getattr(settings, name) for name in LENGTHS})
             self._begun = settings
         results = self._run(events, dataclasses.replace(settings, roi=self.places[0] if self._loads else None))
         self._loads = False

@@ -33,6 +33,7 @@ class ModelEngine(Engine):
         if self.config.slides:
             if self._sliding is None or settings.roi is not None:
                 self._sliding = Sliding(self.config, settings)
+            self._sliding.take_lengths(settings)
             return list(self._sliding.run(events.t, events.x, events.y))
         return [self._table.run(events.t, events.x, events.y, settings)]
 

@@ -132,6 +132,9 @@ def plan_places(word, doc):
     )  # fmt: skip
 
 
+#: Settings that may change while windows slide.
+LENGTHS = ("window_events", "window_us", "hop_events", "hop_us", "min_roi_events")
+
 #: The parts of the table of schedules, in order.
 PLANS = ("cold", "warm", "follow", "after")
 

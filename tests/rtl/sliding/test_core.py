@@ -23,6 +23,7 @@ CASES = {
     "one event a hop": QUAD.replace(window_events=50, hop_events=1, window_us=900, hop_us=40, after=""),
     "two rounds": QUAD.replace(window_events=80, hop_events=12, follow="1:3/4:1 0:3/4:1/4", judge=0),
     "short hops": QUAD.replace(window_events=80, hop_events=40, max_batch_events=25, min_roi_events=1, roi_gain=0.0),
+    "empty windows": QUAD.replace(window_events=16, hop_events=16, window_us=4000, hop_us=300, min_roi_events=4),
     "one evaluator": FAST.replace(window_events=120, hop_events=9, window_us=4000, hop_us=300),
     "all that may stand in front": QUAD.replace(
         hop_events=9, window_us=4000, hop_us=300, hot_pixels=1, hot_mask="15,11;16,10", background=1, background_cell=2,
@@ -96,11 +97,45 @@ def cores():
 @pytest.mark.parametrize("name", CASES)
 def test_hops_equal_the_model(name, cores, rng):
     config, degenerate = CASES[name], 0
-    follows = bool(BatchSettings.from_config(config).follow)
+    shares = config.hop_events < config.window_events  # what follows a window has events of the one before
+    follows = shares and bool(BatchSettings.from_config(config).follow)
     for wanted in compared(cores(config), config, (700, 700, 2500), rng):
         degenerate += sum(Flag.DEGENERATE in one.flags for one in wanted)
         assert len(wanted) > 20 and any(one.late for one in wanted) == follows
     assert degenerate > 2
+
+
+#: Longer and shorter windows, some with hops of another length, or that never close by time.
+CHANGES = (
+    {"window_events": 40, "hop_events": 5}, {"window_events": 127, "window_us": 2500}, {"hop_us": 0},
+    {"window_us": 900, "hop_us": 200}, {"hop_events": 15, "min_roi_events": 30}, {"window_us": 0, "hop_us": 500},
+    {"window_events": 16, "hop_events": 16, "min_roi_events": 4},
+)  # fmt: skip
+
+
+def compared_with_changes(core, given, rng, *, waits):
+    """Hops of the core, whose lengths change time and again between two events, are the model's; how many there are."""
+    events, lengths, hops = drawn(rng, 4000), given, 0
+    core.reset()
+    sliding = Sliding(core.config, given)
+    for a, b in itertools.pairwise([0, *sorted(rng.integers(0, len(events[0]), 40)), len(events[0])]):
+        part = [axis[a:b] for axis in events]
+        lengths = dataclasses.replace(given, **CHANGES[rng.integers(len(CHANGES))])
+        sliding.take_lengths(lengths)
+        gaps, stalls = (rng.integers(0, 60, b - a), rng.integers(0, 50, 50)) if waits else (None, None)
+        if b > a:
+            wanted = list(sliding.run(*part))
+            compare(wanted, core.slide(*part, lengths, gaps=gaps, stalls=stalls))
+            hops += len(wanted)
+    return hops
+
+
+@pytest.mark.parametrize("name", ["both", "by number", "two rounds", "one evaluator"])
+@pytest.mark.parametrize("waits", [False, True])
+def test_lengths_change_between_two_hops(name, waits, cores, rng):
+    config = CASES[name]
+    given = BatchSettings.from_config(config, roi=CORNER)
+    assert compared_with_changes(cores(config), given, rng, waits=waits) > 100
 
 
 def test_an_undistorted_event_on_the_sensors_last_column(cores, rng):

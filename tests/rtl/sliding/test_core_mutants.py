@@ -4,16 +4,19 @@ from contextlib import closing
 
 import pytest
 
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.image import tagged_accumulator
-from cmfpga.rtl.sliding import hop_control, hop_evaluation
+from cmfpga.rtl.sliding import hop_control, hop_evaluation, ring, walker
 from cmfpga.rtl.top import VerilogSliding
 from cmfpga.verilog.simulation import VerilatedCore
+from support.hops import CORNER
 from support.mutation import break_blocks
 
-from .test_core import CASES, compared
+from .test_core import CASES, compared, compared_with_changes
 
 SHORT = CASES["both"].replace(buffer_events=127, window_us=2500)
 FULL = SHORT.replace(window_us=4000)
+EMPTY = CASES["empty windows"]
 
 
 class Changed(VerilogSliding):
@@ -33,14 +36,34 @@ MUTANTS = {  # module, old, new
     "the reference time stands still": (
         hop_evaluation, "half.eq(self.unit >> 1), first.eq(hop.t_first)]", "half.eq(self.unit >> 1)]"
     ),
+    "an event of the next hop in an empty window": (ring, " & ~over)", ")"),
     "the judging round is read at once": (hop_evaluation, "held & ~self.cold", "held & self.cold"),
+}  # fmt: skip
+
+
+OF_CHANGES = {  # the same, of lengths that change
+    "lengths stay": (hop_evaluation, "m.d.sync += [settings[name].eq(self.given[name]) for name in LENGTHS]", "pass"),
+    "the hop under way is longer at once": (
+        hop_control, "late.eq(timed & ~back_s2", "late.eq((lengths.hop_us != 0) & ~back_s2"
+    ),
+    "the walker is late": (walker, "with m.If(self.closed):\n            longest", "with m.If(self.go):\n            longest"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_mutants_are_noticed(name, rng, monkeypatch):
     break_blocks(monkeypatch, *MUTANTS[name])
-    config = FULL if name == "the ring overflows" else SHORT
+    config = {"the ring overflows": FULL, "an event of the next hop in an empty window": EMPTY}.get(name, SHORT)
     with closing(VerilatedCore(config, core=Changed(config))) as core:
         with pytest.raises((AssertionError, TimeoutError)):
             [*compared(core, config, (700, 2500), rng)]
+
+
+@pytest.mark.parametrize("name", OF_CHANGES)
+def test_mutants_of_changes_are_noticed(name, rng, monkeypatch):
+    break_blocks(monkeypatch, *OF_CHANGES[name])
+    given = BatchSettings.from_config(SHORT, roi=CORNER)
+    with closing(VerilatedCore(SHORT, core=Changed(SHORT))) as core:
+        with pytest.raises((AssertionError, TimeoutError)):
+            for waits in (False, True, False):
+                compared_with_changes(core, given, rng, waits=waits)

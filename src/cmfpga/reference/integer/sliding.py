@@ -26,6 +26,7 @@ Whether v is to be trusted changes nothing.
 """
 
 import collections
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -35,7 +36,7 @@ from ...fixed import floor_shift, round_half_up, saturate
 from ...imaging.camera import undistort
 from ...protocol.flags import Flag
 from ...protocol.results import BatchResult, not_judged
-from ...protocol.settings import clamp_roi
+from ...protocol.settings import LENGTHS, clamp_roi
 from ...protocol.trace import Trace
 from ..ingest import TakenIn, flags_of
 from ..sequence import move_within
@@ -83,7 +84,7 @@ class Sliding:
         self._oldest = settings.window_us or 1 << (config.span_bits - 1)
         self.window = tuple(np.zeros(0, np.int64) for _ in range(3))
         self.begin = self.end = self._origin = 0  # b, e, and the event with which the dither began
-        self._last_end = 0  # e(k−1)
+        self._last_end, self._hop = 0, (settings.hop_events, settings.hop_us)  # e(k−1); limits of the hop under way
         self._counts = collections.Counter()  # of the hop's events
         self._closed = self._latest = self._renewed = None  # T; the latest event's time; T after a degenerate window
         self._step, self._t_ref, self._followed = 0, 0, False  # the first is how long the last hop took, µs
@@ -94,6 +95,14 @@ class Sliding:
         corner, self._limited = clamp_roi(config, settings.roi or (0, 0))
         self._corner = tuple(at << self._frac for at in corner)
         self.crop = self._next_crop = corner
+
+    def take_lengths(self, settings):
+        """Take over how long windows are from now on; the hop under way keeps its own length."""
+        check_lengths(self.config, settings)
+        self.settings = replace(self.settings, **{name: getattr(settings, name) for name in LENGTHS})
+        self._oldest = settings.window_us or 1 << (self.config.span_bits - 1)
+        if self._closed is None:
+            self._hop = settings.hop_events, settings.hop_us
 
     def run(self, t, x, y):
         """Take events in; yields a result for each hop that closes."""
@@ -111,11 +120,12 @@ class Sliding:
         if self._closed is None:
             self._closed = self._renewed = int(t[0])
         while at < len(t):
-            stop = int(np.searchsorted(t, self._closed + given.hop_us)) if given.hop_us else len(t)
+            most, most_us = self._hop
+            stop = int(np.searchsorted(t, self._closed + most_us)) if most_us else len(t)
             last = min(stop, at + _SCAN, at + config.max_batch_events - counts["events"])
             here = at + np.flatnonzero(good[at:last] & inside(config, x[at:last], y[at:last], self.crop, size))
             stored = here[-self._thinned % given.thinning :: given.thinning]
-            room = given.hop_events - (self.end - self._last_end)
+            room = most - (self.end - self._last_end)
             full = len(stored) >= room
             if full:
                 stored, last = stored[:room], int(stored[room - 1]) + 1
@@ -255,5 +265,5 @@ class Sliding:
         self.begin = begin
         if begin == self.end:
             self._origin = begin
-        self._closed, self._last_end = now, self.end
+        self._closed, self._last_end, self._hop = now, self.end, (given.hop_events, given.hop_us)
         self._counts.clear()

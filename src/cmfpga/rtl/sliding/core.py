@@ -52,7 +52,9 @@ class SlidingCore(Iterating, Block):
     o : ``Out``, stream of :func:`payloads.result`
         One of each hop; evaluations wait until it is taken.
     settings : ``In``, :func:`payloads.settings`
-        Taken over with the first event after a reset, in the cycle of ``begins``.
+        Taken over with the first event after a reset, in the cycle of ``begins``. From then on only
+        :data:`~cmfpga.protocol.settings.LENGTHS` are looked at. They may change while ``busy`` is low and no event is
+        offered: the hop under way closes as it would have, and the next one has them.
     trace : ``Out``, flow of :func:`payloads.trace`
         Every round's v and sums, for verification; not of the one that judges.
     begins : ``Out(1)``

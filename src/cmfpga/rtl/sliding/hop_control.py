@@ -43,7 +43,8 @@ class HopControl(Block):
     o : ``Out``, flow of :func:`.ring.ring_event`
         Those in the ROI.
     lengths, thinning : ``In``, :func:`.walker.lengths`
-        Constant from the first event on.
+        ``thinning`` is constant from the first event on. ``lengths`` may change while no event comes, the last hop is
+        evaluated, and ``waits`` is low; the hop under way keeps its own.
     corner : ``In``, :func:`payloads.roi_corner`
         The ROI from the end of the hop on; before the first event, that of the first hop.
     free : ``In(1)``
@@ -149,14 +150,15 @@ class HopControl(Block):
                 due_s3.eq(late),
                 stands_s3.eq(valid_s2 & ~late),  # there is an event, and the hop does not end before it
             ]
-        m.d.sync += timed.eq(lengths.hop_us != 0)
 
         # Stage 3: whether it stays, and whether it ends a hop.
         taken = Signal.like(self.counts.events, name="taken")
-        longest = Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us)
+        longest = Signal.like(lengths.window_us)
         step_s1 = delay(m, step, 1, name="step")
         m.d.comb += self.step.eq(step_s1)
-        m.d.sync += self.stale.eq(step_s1 > delay(m, longest, 1, name="longest"))
+        m.d.sync += self.stale.eq(step_s1 > longest)
+        with m.If(self.closed):
+            m.d.sync += longest.eq(Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us))
         most = config.max_batch_events
         # Flags: the next one that stays ends the hop; any is the last of so many; a hop may close. One that stays
         # waits, for it has no place, or would close a hop that may not close yet; any waits, for it would.
@@ -226,6 +228,7 @@ class HopControl(Block):
                 roi.eq(self.corner),
                 *(ends[axis].eq(self.corner[axis] + size) for axis, size in zip("xy", sizes, strict=True)),
                 target.eq(self.now + lengths.hop_us),
+                timed.eq(lengths.hop_us != 0),
                 left.eq(lengths.hop_events),
                 ending.eq(lengths.hop_events == 1),
                 taken.eq(0),

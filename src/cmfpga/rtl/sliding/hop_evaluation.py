@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.results import CYCLE_BITS
-from ...protocol.settings import PLANS
+from ...protocol.settings import LENGTHS, PLANS
 from .. import Block, payloads
 from ..arithmetic import delay
 from ..ascent.ascent import ascent_run
@@ -71,7 +71,7 @@ class HopEvaluation(Block):
     offered, cleared : ``In(1)``
         An event is offered; the image is clear.
     given : ``In``, :func:`payloads.settings`
-        Taken over in OPEN.
+        Taken over in OPEN; :data:`~cmfpga.protocol.settings.LENGTHS` at any time.
     hop : ``In``, :func:`hop`
     walked, divided, complete, summed, judged, drained : ``In(1)``
         The walker, the division are done; all of a round's events have voted; its sums are there; the verdict is known;
@@ -184,6 +184,7 @@ class HopEvaluation(Block):
         m.d.comb += self.begins.eq(fresh & self.offered & self.cleared)
         with m.If(fresh):
             m.d.sync += [run.settings.eq(self.given), fresh.eq(~self.begins)]
+        m.d.sync += [settings[name].eq(self.given[name]) for name in LENGTHS]
         more = Signal()  # a round that judges, behind a result
         m.d.sync += more.eq(after & ~discard)
         m.d.comb += follows.eq(followed & follow)

@@ -40,6 +40,7 @@ class Walker(Block):
         ``now`` and ``stale`` say when it has closed, and whether after a pause; at least two cycles later. The event
         before ``end`` can be read.
     lengths : ``In``, :func:`lengths`
+        Taken over with ``closed``.
     look, t : ``Out``, ``In``
         A place, and the time of the event there, :attr:`Ring.latency <.ring.Ring.latency>` − 1 cycles later.
     done : ``Out(1)``
@@ -97,7 +98,9 @@ class Walker(Block):
         m.d.comb += drops.eq(Mux(walking, looked & some & (stale | over | old_s3), counts & over & ~self.go))
         m.d.sync += [some.eq(held != 0), over.eq(held > most), more.eq(most + 1)]
         with m.If(self.closed):
+            longest = Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us)
             m.d.sync += [held.eq(self.end - ahead), most.eq(lengths.window_events - lengths.hop_events)]
+            m.d.sync += oldest.eq(longest - lengths.hop_us)
         m.d.sync += counts.eq((counts | delay(m, self.closed, 1, name="closed", valid=True)) & ~self.go)
         m.d.sync += [self.done.eq(0), arrived.eq((arrived << 1) | walking), self.look.eq(self.look + 1)]
         with m.If(self.go):
@@ -106,7 +109,6 @@ class Walker(Block):
                 self.look.eq(ahead),
                 now.eq(self.now),
                 stale.eq(self.stale),
-                oldest.eq(Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us) - lengths.hop_us),
                 arrived.eq(0),
             ]
         with m.If(drops):
