@@ -84,8 +84,8 @@ class AcceleratorEngine(Engine):
     def _slide(self, events, words, settings):
         """A result of each hop that closes with these events.
 
-        A run begins where ``settings.roi`` is given, or none is under way; else it goes on, with its settings, but for the
-        lengths of windows and hops.
+        A run begins where ``settings.roi`` is given, or none is under way; else it goes on, with its settings. Only
+        lengths of windows and hops are new.
         """
         top, control, found, before = self._accelerator, self._accelerator.control, [], {}
 

@@ -15,8 +15,8 @@ _END = object()
 
 # Events whose coordinates are looked at in one go when ROI events are counted: little more than a batch.
 _SCAN_EVENTS = 4096
-#: The most events that :meth:`BatchCutter.piece` gives at a time.
-PIECE_EVENTS = 4096
+#: At every so many events :meth:`BatchCutter.piece` ends a piece.
+PIECE_EVENTS = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,14 +176,14 @@ class BatchCutter:
                 return self._batch(cut_short)
 
     def piece(self):
-        """What has come next, at most :data:`PIECE_EVENTS`; None at the end, or :data:`WAITING`.
+        """What has come next, up to a multiple of :data:`PIECE_EVENTS`; None at the end, or :data:`WAITING`.
 
         Instead of :meth:`next`: nothing waits for a batch to be complete.
         """
         rest = self._rest(0)
         if rest is None or rest is WAITING:
             return rest
-        part = rest[:PIECE_EVENTS]
+        part = rest[: PIECE_EVENTS - (self.position - self._start) % PIECE_EVENTS]
         self._at += len(part)
         self.position += len(part)
         return part

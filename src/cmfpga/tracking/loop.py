@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..events import WAITING, Events
-from ..events.batches import Batch
+from ..events.batches import PIECE_EVENTS, Batch
 from ..imaging.camera import rates, seen
 from ..imaging.iwe import contrast, events_in_roi
 from ..protocol.confidence import confidence, covariance, deviations, is_sure, is_trustworthy
@@ -25,7 +25,7 @@ from .ambiguity import UNTRUSTED, Ambiguity, ambiguity
 from .columns import columns, csv_writer, row
 from .course import Course
 from .fit import FittedCutter
-from .sliding import Newest, Overlapping, window_lengths, with_those_of
+from .sliding import FittedWindows, Newest, Overlapping, window_lengths, with_those_of
 
 
 def windows(engine, cutter, table, batches=None):
@@ -302,7 +302,8 @@ class _Objects(Table):
         if self.config.slides:
             (course,) = self._courses
             self.engine.write([Region.roi(self.config, course.start)], {0})
-            return self.engine.trial(self._near(events, course.start), settings)
+            near, most = self._near(events, course.start), self.config.max_batch_events
+            return self.engine.trial(near[:: max(1, -(-len(near) // most))], settings)
         return [result for result, *_ in self.measure(events, settings)]
 
     def _near(self, events, place):
@@ -320,8 +321,9 @@ class _Objects(Table):
         Hops before the first full window are passed over.
         """
         (course,), index, hop = self._courses, 0, -1
-        lengths = yield from window_lengths(self.config, cutter, lambda events: self.trial(events, None), rois[0])
-        given, pieces = replace(self._usual, **lengths), cutter.piece
+        lengths, way = yield from window_lengths(self.config, cutter, lambda events: self.trial(events, None), rois[0])
+        given, pieces, sent = replace(self._usual, **lengths), cutter.piece, 0
+        fitted = FittedWindows(self.config, given, way)
         self.engine.write([Region.roi(self.config, course.start)], {0})
         newest, passed, overlapping = Newest(self.config, cutter.position), None, Overlapping()
         try:
@@ -332,7 +334,9 @@ class _Objects(Table):
                 if piece is None:
                     return
                 newest.add(piece, self._noise and self._noise.judge(piece.t, piece.x, piece.y, given))
+                sent += len(piece)
                 for result in self.engine.run(piece, given):
+                    fitted.add(result)
                     events, marks = newest.window(result)
                     degenerate = Flag.DEGENERATE in result.flags
                     hop += not degenerate or hop >= 0
@@ -350,6 +354,8 @@ class _Objects(Table):
                     index += 1
                     if index == most:
                         break
+                if not sent % PIECE_EVENTS:  # so that it does not depend on how a stream comes
+                    given = fitted.fit()
         finally:
             cutter.give_back(newest.left)
 

@@ -46,7 +46,9 @@ OF_CHANGES = {  # the same, of lengths that change
     "the hop under way is longer at once": (
         hop_control, "late.eq(timed & ~back_s2", "late.eq((lengths.hop_us != 0) & ~back_s2"
     ),
-    "the walker is late": (walker, "with m.If(self.closed):\n            longest", "with m.If(self.go):\n            longest"),
+    "the walker is late": (
+        walker, "with m.If(self.closed):\n            longest", "with m.If(self.go):\n            longest"
+    ),
 }  # fmt: skip
 
 
