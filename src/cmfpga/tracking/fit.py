@@ -33,7 +33,8 @@ _AGREE_SURE = 0.55  # where both have twice the confidence that is trusted: it i
 STILL_PX, _MIN_PX = 0.5, 2.0  # of a survey's window: from here on it moves, and far enough
 _WINDOWS = 9  # of one length, of which two that follow each other may agree
 _TRIALS = 6  # of a first length of another motion than translation
-_SPARE, _FULL = 0.25, 0.95  # a buffer that is filled by half and so much of it is better filled so far
+_FULL = 0.95  # so far a buffer is to be filled by a shorter batch, where the image moves by FILLED_PX in half of it
+FILLED_PX = 2.8
 _REACH = 16  # no batch becomes longer, times the last that was to be trusted, or else the survey's first window
 
 
@@ -104,7 +105,13 @@ class FittedCutter(BatchCutter):
             self.way = moved * self.size / count
         else:
             self.size = max(min(_REACH * self._shortest, half // 4), self._shortest)
-        self.size = max(len((yield from self.ahead(self.size))), 1)
+        ahead = yield from self.ahead(self.size)
+        self.size = max(len(ahead), 1)
+        if (found or alone) and len(rois) == 1:
+            (roi,) = rois
+            inside = len(events_in_roi(self._seen(ahead), roi[:2], *roi[2:])[0])
+            length = self._filling(self.size, inside, self.way)
+            self.size, self.way = length, self.way * length / self.size
 
     def _windows(self, trial, length, count):
         """How far the image moves in windows of this length, one after the other, up to two that agree, px.
@@ -187,26 +194,24 @@ class FittedCutter(BatchCutter):
         self._sure = self.size if trusted else self._sure
         moved = max((extent(self._config, one.v, one.roi) for one in trusted), default=0.0)
         self.size = min(fit(self.size, (moved,), bool(trusted)), self.max_events)
-        if trusted and len(batches) == 1:
-            self.size = self._filling(self.size, batches[0], moved)
+        if trusted and len(batches) == 1 and not results[0].overflow:
+            share = self.size / max(len(batches[0].events), 1)
+            inside = share * (results[0].roi_events + results[0].thinned)
+            self.size = self._filling(self.size, inside, moved * share)
         if self._doubtful and self._doubtful % LOST_BATCHES == 0:
             self.size = 2 * self.size if 2 * self.size <= min(_REACH * self._sure, self.max_events) else self._shortest
 
-    def _filling(self, size, batch, moved):
-        """``size``, or somewhat less where then twice as many of the ROI's events are kept.
+    def _filling(self, size, inside, moved):
+        """``size``, in which so many events come in the ROI and the image moves so far, px; or less, if more are kept.
 
         More events than the buffer holds are thinned by halves. The confidence counts pairs of events: of a few events
-        too many it would be a quarter. The image is still to move far enough.
+        too many it would be a quarter. The image is still to move by :data:`FILLED_PX`.
         """
-        result, most = batch.result, self._config.buffer_events
-        share = size / max(len(batch.events), 1)
-        ahead = (result.roi_events + result.thinned) * share / most
-        if result.overflow or ahead <= 1:
+        ahead = inside / self._config.buffer_events
+        if ahead <= 1:
             return size
-        over = ahead / 2 ** math.floor(math.log2(ahead))
-        shorter = _FULL / over
-        enough = moved * share * shorter >= ALLOWED_PX[0]
-        return max(round(size * shorter), 1) if over < 1 + _SPARE and enough else size
+        shorter = _FULL * 2 ** math.floor(math.log2(ahead)) / ahead
+        return max(round(size * shorter), 1) if shorter * moved >= FILLED_PX else size
 
 
 def _judges(config):

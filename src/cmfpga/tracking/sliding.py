@@ -99,7 +99,8 @@ class FittedWindows:
     is allowed in most of them, trusted or not, windows become longer: where more edges come into sight, so many events
     take less and less time. If it moves by more in those that are trusted, they become shorter, as far as they stay
     sure. Where none is trusted and they do not move by less, they are as long as the last that was to be trusted.
-    Windows that are not full, as where an object stops, become no longer. Equal results, asked for after equal numbers of events, give equal lengths.
+    Windows that are not full, as where an object stops, become no longer. Equal results, asked for after equal numbers
+    of events, give equal lengths.
 
     ``given`` are the settings with which a run begins. Without a ``way`` they stay.
     """
