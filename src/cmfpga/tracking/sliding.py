@@ -141,7 +141,7 @@ class FittedWindows:
 
 
 class Overlapping:
-    """Which of a track's windows are borne out: of those so far that have time in common, half are sharp.
+    """Which of a track's windows are borne out: of those so far that have time in common, two thirds are sharp.
 
     Windows that overlap share most of their events. Where their verdict flips from hop to hop the peak is noise's.
     """
@@ -156,7 +156,7 @@ class Overlapping:
         self._windows.append((int(events.t[-1]), sure))
         while self._windows[0][0] < events.t[0]:
             self._windows.popleft()
-        return 2 * sum(one for _, one in self._windows) >= len(self._windows)
+        return 3 * sum(one for _, one in self._windows) >= 2 * len(self._windows)
 
 
 def with_those_of(passed, result):
