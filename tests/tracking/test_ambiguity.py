@@ -13,6 +13,7 @@ from cmfpga.events import Events, generate
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.tracking import ambiguity as rules
+from cmfpga.tracking import sliding
 from cmfpga.tracking.ambiguity import UNTRUSTED, Ambiguity, ambiguity
 from cmfpga.tracking.columns import columns
 from cmfpga.tracking.verdict import Verdict
@@ -124,8 +125,9 @@ def test_a_contrast_that_is_sharper_elsewhere(engine, off, told):
             assert ambiguity(CONFIG, events, moved, thinned=bool(result.thinned)) & ~Ambiguity.TWO_MOTIONS == told
 
 
-def test_two_depths_of_a_sharp_image_are_not_trusted(data_dir):
+def test_two_depths_of_a_sharp_image_are_not_trusted(data_dir, monkeypatch):
     """Everything moves along x on the rail; both halves of this ROI hold both depths, and agree on neither's v."""
+    monkeypatch.setattr(sliding, "WAY_PX", 5.0)  # in longer windows the image changes besides
     where = {"roi": (66, 58), "preset": "sliding", "engine": "model"}
     tracking = cmfpga.track(data_dir / "davis240c_slider_depth_0.0s.h5", **where)
     off = np.abs(tracking.vy) > 0.6
@@ -135,8 +137,9 @@ def test_two_depths_of_a_sharp_image_are_not_trusted(data_dir):
 
 
 @pytest.mark.filterwarnings("ignore:hot pixels")
-def test_windows_that_few_around_them_bear_out_are_not_trusted(data_dir):
+def test_windows_that_few_around_them_bear_out_are_not_trusted(data_dir, monkeypatch):
     """A camera pans over boxes: vy = 0. One window in twenty is sharp, by chance, and some of these are wrong."""
+    monkeypatch.setattr(sliding, "WAY_PX", 5.0)  # longer windows are sharp, and right
     tracking = cmfpga.track(data_dir / "davis240c_translboxes_imu.h5", roi="auto", engine="model")
     off, alone = np.abs(tracking.vy) > 0.6, tracking.ambiguity & Ambiguity.ALONE > 0
     assert (off & alone).sum() >= 5 and not (off & tracking.trusted).any()
