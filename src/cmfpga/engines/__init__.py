@@ -14,7 +14,7 @@ from ..config.presets import ENGINES
 from ..errors import ConfigError, needs
 from ..protocol.regions import Region
 from ..protocol.results import BatchResult
-from ..protocol.settings import LENGTHS, BatchSettings, clamp_roi
+from ..protocol.settings import BatchSettings, clamp_roi
 from ..protocol.trace import Trace
 from ..verilog.compiler import CompilerError, cannot_compile
 
@@ -155,7 +155,7 @@ class Engine(ABC):
             return [] if config.slides else [self._nothing()]
         if config.slides:
             if self._begun and not self._loads:
-                settings = dataclasses.replace(self._begun, **{name: getattr(settings, name) for name in LENGTHS})
+                settings = self._begun.with_lengths(settings)
             self._begun = settings
         results = self._run(events, dataclasses.replace(settings, roi=self.places[0] if self._loads else None))
         self._loads = False

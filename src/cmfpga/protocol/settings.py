@@ -5,7 +5,7 @@ from that table. How to add a setting: docs/adding.md.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from ..config.schedule import DISTANCES, STRIDES
@@ -283,6 +283,10 @@ class BatchSettings(record("_OfBatch", __name__, (s for s in SETTINGS if s.of_ba
     def from_config(cls, config, roi=None):
         """The settings that ``config``'s run-time fields ask for."""
         return cls(roi=roi, **{setting.name: setting.ask(config) for setting in SETTINGS if setting.of_batch})
+
+    def with_lengths(self, other):
+        """These settings with the :data:`LENGTHS` of ``other``."""
+        return replace(self, **{name: getattr(other, name) for name in LENGTHS})
 
 
 def settings_values(config, settings):

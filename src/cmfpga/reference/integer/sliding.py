@@ -26,7 +26,6 @@ Whether v is to be trusted changes nothing.
 """
 
 import collections
-from dataclasses import replace
 
 import numpy as np
 import torch
@@ -36,7 +35,7 @@ from ...fixed import floor_shift, round_half_up, saturate
 from ...imaging.camera import undistort
 from ...protocol.flags import Flag
 from ...protocol.results import BatchResult, not_judged
-from ...protocol.settings import LENGTHS, clamp_roi
+from ...protocol.settings import clamp_roi
 from ...protocol.trace import Trace
 from ..ingest import TakenIn, flags_of
 from ..sequence import move_within
@@ -99,7 +98,7 @@ class Sliding:
     def take_lengths(self, settings):
         """Take over how long windows are from now on; the hop under way keeps its own length."""
         check_lengths(self.config, settings)
-        self.settings = replace(self.settings, **{name: getattr(settings, name) for name in LENGTHS})
+        self.settings = self.settings.with_lengths(settings)
         self._oldest = settings.window_us or 1 << (self.config.span_bits - 1)
         if self._closed is None:
             self._hop = settings.hop_events, settings.hop_us
