@@ -36,9 +36,6 @@ def interior_events(rng, n=50, width=20, height=12):
     return rng.integers(4, width - 4, n), rng.integers(4, height - 4, n), rng.uniform(-1, 1, n)
 
 
-# -------------------------------------------------------------------- equations as loops
-
-
 def check_equations(module, rng, cases=8, levels=(0, 1, 2, 3)):
     """``module``'s evaluate equals the transcription on random events of every size, dithered or not."""
     close = {"rtol": 1e-12, "atol": 1e-11}
@@ -85,9 +82,6 @@ def test_transcription_notices(mutant, rng):
         check_equations(module, rng, cases=2, levels=(0, 1))
 
 
-# -------------------------------------------------------------------- gradient
-
-
 @pytest.mark.parametrize("level", [0, 1, 2])
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_gradient_equals_autograd(width, height, level, rng):
@@ -104,9 +98,6 @@ def test_gradient_equals_autograd(width, height, level, rng):
         error = float((it.gradient - auto * 2**level).norm() - (1e-12 if level else 1e-15))
         assert error <= 1e-9 * float(auto.norm())
         torch.testing.assert_close(it.contrast, c.detach(), rtol=1e-12, atol=0)
-
-
-# -------------------------------------------------------------------- images
 
 
 @pytest.mark.parametrize(
@@ -150,9 +141,6 @@ def test_few_events(n):
         assert trace.v.tolist() == [[0.5, 0.25]] * 4
 
 
-# -------------------------------------------------------------------- invariances
-
-
 def test_whole_pixel_translation_changes_nothing(rng):
     x, y, dt = interior_events(rng)
     v = (1.7, -0.6)
@@ -189,9 +177,6 @@ def test_swapping_the_axes_swaps_the_gradient(rng):
     b = floating.evaluate(y, x, dt, (-1.9, 0.7), width=6, height=9)
     torch.testing.assert_close(a.image, b.image.T)
     torch.testing.assert_close(a.gradient, b.gradient.flip(0))
-
-
-# -------------------------------------------------------------------- time
 
 
 def test_dt_spans_the_whole_batch(rng):
@@ -235,9 +220,6 @@ def test_only_float64_is_accepted():
         floating.scaled_times([0.5], 0, 1)
     x, _ = floating.warp(np.array([3], np.uint16), [0.1], [0.1], (0.3, 0.0))
     assert float(x) == 3 - 0.1 * 0.3  # Python numbers never pass through float32
-
-
-# -------------------------------------------------------------------- ascent
 
 
 def moving_points(rng, v, points=12, per_point=15):

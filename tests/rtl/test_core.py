@@ -21,9 +21,6 @@ from support.bench import Repeated
 from support.core import Batch, check_core, drive_core
 from support.core_batches import CONFIGS, FLOWS, PLANS, centered, moving_points, random_batch, run, settings, spread
 
-# ---------------------------------------------------------------- everything, at random
-
-
 @pytest.mark.parametrize("flow", ["free", "gaps", "both"])  # stalls alone: below
 @pytest.mark.parametrize("name", CONFIGS)
 def test_matches_model(name, flow, rng):
@@ -81,9 +78,6 @@ def test_words_hold_every_event_on_one_pixel(name, late, rng):
     assert outcome.trace[0]["sums"]["sx"] == (largest if late else -largest)
 
 
-# ---------------------------------------------------------------- cycles
-
-
 #: Cycles of an iteration beside its events, of a batch beside its events and iterations, and of a verdict.
 LATENCIES = {
     "small": (70, 70, 0), "power": (51, 70, 0), "narrow": (70, 70, 0), "tiny": (20, 70, 0), "short": (70, 38, 0),
@@ -138,9 +132,6 @@ def test_the_configuration_knows_the_latency_of_one_pass(dither_frac, max_level,
 def test_a_replay_cannot_start_before_the_last_event_is_counted():
     with pytest.raises(ValueError, match="2 cycles before the last event is counted"):
         IterationControl(CONFIGS["small"], replay_delay=-2, move=3, settle=6)
-
-
-# ---------------------------------------------------------------- degenerate batches
 
 
 DEGENERATE = {
@@ -201,9 +192,6 @@ def test_minimum_is_met_exactly(rng):
     config = CONFIGS["small"]
     results, _ = run(config, [centered(config, range(5), min_roi_events=least) for least in (5, 6, 4, 0, 1)], rng)
     assert [Flag.DEGENERATE in result.flags for result in results] == [False, True, False, False, False]
-
-
-# ---------------------------------------------------------------- a batch's end
 
 
 def test_length_by_count_and_cut(rng):
@@ -277,9 +265,6 @@ def test_thinning_follows_its_target(rng):
     assert [result.overflow for result in results] == [0, 0, 20, 0, 0, 0, 0]
 
 
-# ---------------------------------------------------------------- back-pressure and settings
-
-
 def test_result_waits(rng):
     """A result that waits for long holds (``drive_core`` compares each cycle), and the next batch is not taken up."""
     config = CONFIGS["small"]
@@ -302,9 +287,6 @@ def test_settings_are_taken_with_the_first_event(rng):
     for eager in (True, False):
         results, _ = run(config, batches, rng, eager=eager)
         assert len({result.v for result in results}) > 3
-
-
-# ---------------------------------------------------------------- reset
 
 
 @functools.cache

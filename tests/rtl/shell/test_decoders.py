@@ -148,9 +148,6 @@ def test_a_real_file_of_evt30(data_dir, rng):
     assert not counts["format_errors"]
 
 
-# ---------------------------------------------------------------- cycles
-
-
 VECTORS = [1 << 60 | 3 << 32 | (1 << k) - 1 for k in range(1, 33)]
 #: Form, words, how many tokens; the word that gives the first of them.
 RATES = {
@@ -178,9 +175,6 @@ def test_one_per_cycle(name, rng):
     else:
         assert cycles[0] - passage.taken[first] == (Evt3Decoder if form == "EVT30" else Decoder).latency
     assert form != "PACKED" or passage.taken == [*range(50)]
-
-
-# ---------------------------------------------------------------- the gate
 
 
 @pytest.mark.parametrize("flow", FLOWS)
@@ -245,9 +239,6 @@ def vectors(rng, count):
             said = {"known": int(rng.random() < 0.8), "event": int(event), "end": int(end)}
             items.append({**place, **said, "vector": vector * event})
     return items
-
-
-# ---------------------------------------------------------------- broken ones are found
 
 
 def never_back(block, platform, whole=TimeHigh.elaborate):

@@ -85,8 +85,6 @@ class Board:
     async def cycles(self, count):
         await ClockCycles(self.dut.aclk, count)
 
-    # ---------------------------------------------------------------- registers
-
     async def write_word(self, offset, word):
         await with_timeout(self.lite.write_dword(offset, word & 0xFFFFFFFF), 100, "us")
 
@@ -132,8 +130,6 @@ class Board:
         group = self.registers.group("Result")
         offsets = range(group[0].offset, group[-1].offset + 4, 4)
         return result_values(self.registers, [await self.read_word(offset) for offset in offsets])
-
-    # ---------------------------------------------------------------- streams
 
     async def send(self, words, *, keep=None, wait=True):
         """One packet of 64-bit words, TLAST with the last; ``keep`` has one mask a word."""

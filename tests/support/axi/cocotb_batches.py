@@ -58,9 +58,6 @@ async def nothing_lost(board, expected):
     return found
 
 
-# ---------------------------------------------------------------- batches
-
-
 @cocotb.test()
 async def all_formats_under_back_pressure(dut):
     """EVT 2.1, EVT 2.0 and packed words, with and without the swap; gaps and stalls on every channel."""
@@ -110,9 +107,6 @@ async def cycles_of_the_wrapper(dut):
         first = board.taken[0] + {"PACKED": 0, "EVT21": 1, "EVT20": 1}[form]
         offered = first + shell.event_latency
         assert board.sent[-1][0] == offered + found["cycles"] + shell.result_latency, form
-
-
-# ---------------------------------------------------------------- control
 
 
 @cocotb.test()
@@ -283,9 +277,6 @@ async def bypass(dut):
     await board.send(words)
     await compare(board, expected, batches, dataclasses.replace(settings, roi=ROI))
     await nothing_lost(board, expected)
-
-
-# ---------------------------------------------------------------- bad input
 
 
 @cocotb.test()
