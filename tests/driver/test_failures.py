@@ -36,7 +36,6 @@ def test_interrupt_that_never_comes(accelerator, backend, rng, monkeypatch):
 
 
 def test_interrupts_that_nobody_asked_for(accelerator, backend, rng, monkeypatch):
-    """Wake-ups without a result are not results."""
     usual, woken = backend.wait_interrupt, []
 
     def early(timeout):

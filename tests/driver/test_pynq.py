@@ -97,7 +97,6 @@ def overlay(top, tmp_path):
 
 
 def small(overlay):
-    """With buffers of a few pages."""
     board = dataclasses.replace(DEFAULT, buffer_events_size=0x4000, buffer_results_size=0x1000)
     return PynqBackend(overlay.cmfpga, overlay.dma, board=board)
 

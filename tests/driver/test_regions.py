@@ -70,7 +70,6 @@ def write_row(accelerator, number, *, fresh=1, **changes):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("config", [CONFIG, SIMILARITY], ids=lambda config: config.motion)
 def test_any_table_and_any_batches_equal_the_model(compiler, config, seed):
-    """Any start of every parameter."""
     rng, number, found = np.random.default_rng(seed), 0, set()
     model, regions = model_of(config), random_regions(config, rng)
     with Accelerator(SimulationBackend(config)) as accelerator:

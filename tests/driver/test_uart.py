@@ -30,7 +30,6 @@ from support.small_core import sets
 
 @pytest.fixture
 def line(compiler):
-    """A fresh board; its library is compiled once."""
     made = SimulatedLine(CONFIG)
     yield made
     made.close()
@@ -49,7 +48,6 @@ def test_batches_equal_the_model(line, rng, form):
 
 
 def test_many_regions(compiler, rng):
-    """Rows go there, and packets of all regions come back."""
     line, model = SimulatedLine(region_driving.CONFIG), model_of(region_driving.CONFIG)
     accelerator = Accelerator(UartBackend(line), region_driving.CONFIG)
     chosen = BatchSettings.from_config(region_driving.CONFIG)

@@ -23,7 +23,6 @@ from support.small_core import CONFIG, engine_of, make_events, settings, without
 
 @pytest.fixture(params=ENGINES)
 def engine(request):
-    """Each of the three engines, without a batch yet."""
     return request.getfixturevalue("verilated_engine") if request.param == "rtl" else make_engine(request.param, CONFIG)
 
 

@@ -28,7 +28,6 @@ SHORT, LONG = 6, 16
 
 
 def paper_bank():
-    """One bank of the article's size."""
     config = preset("paper")
     vote = payloads.votes(config)["banks"].shape.elem_shape
     word = payloads.pixel(config)

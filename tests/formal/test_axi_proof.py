@@ -46,7 +46,6 @@ MUTANTS = {  # block's attribute in the top, or in its shell: module, old, new
 
 
 def broken_top(name):
-    """The top with one of its blocks broken."""
     attribute, original, old, new = MUTANTS[name]
     top = AxiTop(CONFIG)
     block = getattr(top if attribute == "lite_slave" else top.shell, attribute)

@@ -21,7 +21,6 @@ endmodule
 
 
 def made_of_a_small_design(board, nextpnr, tmp_path):
-    """What is found, and what the file has."""
     for tool in "yosys", nextpnr:
         pytest.importorskip(COMMANDS[tool][0])
     found = bitstream.bitstream(SMALL.format(top=board.top), board, tmp_path / "small")

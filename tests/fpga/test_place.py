@@ -96,7 +96,6 @@ def test_a_netlist_for_nexus_is_proved_to_be_its_source(tmp_path):
 
 
 def test_the_table_of_families():
-    """Each device has a family whose extra brings its nextpnr, and speed grades that begin with the fastest."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     for device, family in families.FAMILIES.items():
         called, speeds = family.devices[device]

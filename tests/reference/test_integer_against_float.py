@@ -158,7 +158,6 @@ def test_a_wrong_stage_is_noticed(name, rng, monkeypatch):
 
 
 def check_batch(config, events, roi):
-    """Every iteration of a batch by the whole model."""
     core, errors = model.IntegerCore(config), Errors()
     core.run(events.t, events.x, events.y, settings := BatchSettings.from_config(config, roi), keep=True)
     index, x, y = (torch.tensor(each) for each in events_in_roi(events, roi, config.roi_width, config.roi_height))

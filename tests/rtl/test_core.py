@@ -21,6 +21,7 @@ from support.bench import Repeated
 from support.core import Batch, check_core, drive_core
 from support.core_batches import CONFIGS, FLOWS, PLANS, centered, moving_points, random_batch, run, settings, spread
 
+
 @pytest.mark.parametrize("flow", ["free", "gaps", "both"])  # stalls alone: below
 @pytest.mark.parametrize("name", CONFIGS)
 def test_matches_model(name, flow, rng):
@@ -54,7 +55,6 @@ def test_with_two_buffers_the_next_batch_is_taken_in_during_the_iterations(name,
 
 
 def test_random_batches_meet_everything():
-    """The batches of the test above are not all of one kind."""
     met = Flag(0)
     for name, config in CONFIGS.items():
         model = IntegerCore(config)
@@ -273,7 +273,6 @@ def test_result_waits(rng):
 
 
 def test_settings_are_taken_with_the_first_event(rng):
-    """Every setting changes from batch to batch and is random in between; each batch uses its own."""
     config = CONFIGS["small"]
     eta = config.formats.eta.raw(4.0)
     changes = [
@@ -291,7 +290,6 @@ def test_settings_are_taken_with_the_first_event(rng):
 
 @functools.cache
 def resettable(config):
-    """A core, its reset, and both as a design."""
     core, reset, top = Core(config), Signal(), Module()
     top.submodules.core = ResetInserter(reset)(core)
     return core, reset, Repeated(top)

@@ -13,8 +13,6 @@ FLOWS = {"free": (0.0, 0.0), "gaps": (0.5, 0.0), "stalls": (0.0, 0.5), "both": (
 
 @dataclass
 class Passage:
-    """What went through a block."""
-
     #: (cycle, value) of everything taken from the output
     out: list = field(default_factory=list)
     #: cycle in which each item was taken by the input

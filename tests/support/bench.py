@@ -18,8 +18,6 @@ GAPS = {"free": 0.0, "gaps": 0.4}
 
 @dataclass
 class Recording:
-    """What a block did."""
-
     #: name of a flow -> (cycle, payload) of each of its items
     flows: dict = field(default_factory=dict)
     #: name of an output -> its value in every cycle
@@ -143,7 +141,6 @@ def flow_script(block, items, gaps, rng, *, drain=None):
 
 
 def check_latency(block, pushed, recording):
-    """Each item comes :attr:`latency` cycles after it was pushed."""
     assert recording.cycles() == [cycle + block.latency for cycle in pushed]
 
 

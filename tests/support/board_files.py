@@ -13,7 +13,6 @@ BOARD = ROOT / "boards" / KV260.name
 
 
 def load(name, folder=BOARD):
-    """A Python file of ``boards/kv260``, or of another folder, as a module."""
     spec = importlib.util.spec_from_file_location(f"{folder.name}_{name}", folder / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module

@@ -11,7 +11,6 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 @pytest.fixture(scope="session")
 def browser():
-    """Headless Chromium."""
     pytest.importorskip("selenium", reason="selenium is not installed: pip install 'cmfpga[test]'")
     from selenium import webdriver
 

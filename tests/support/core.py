@@ -53,8 +53,6 @@ def schedules(batches):
 
 @dataclass
 class Outcome:
-    """What the core gave for a batch."""
-
     result: dict = None
     trace: list = field(default_factory=list)
     pixels: list = field(default_factory=list)

@@ -100,7 +100,6 @@ def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
 
 
 def plans(motion, *texts):
-    """Schedules of so many texts."""
     v = CONFIGS["fast"].formats.v
     return tuple(parse_schedule(text, name="plan", max_level=2, v=v, entries=4, motion=motion) for text in texts)
 
@@ -200,14 +199,12 @@ CENTER = (20, 15)
 
 
 def centered(config, times, **changes):
-    """Events at the centre of the sensor's image, in the ROI."""
     roi = CENTER[0] - config.roi_width // 2, CENTER[1] - config.roi_height // 2
     x, y = (at * config.pixel for at in CENTER)
     return Batch(events=[(t, x, y) for t in times], settings=settings(config, **{"roi": roi} | changes))
 
 
 def spread(config, rng, count=20, **changes):
-    """A good batch around the sensor's centre."""
     batch = centered(config, range(100, 100 + 10 * count, 10), **changes)
     offsets = rng.integers(-4 * config.pixel, 4 * config.pixel + 1, (count, 2)).tolist()
     return Batch(events=[(t, x + dx, y + dy) for (t, x, y), (dx, dy) in zip(batch.events, offsets, strict=True)],

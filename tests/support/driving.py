@@ -28,7 +28,6 @@ def top(compiler):
 
 
 def batch(rng, events=100, *, begin=0, config=CONFIG):
-    """Random events all over the sensor."""
     return Events(
         np.sort(rng.integers(begin, begin + 1000, events)),
         rng.integers(0, config.sensor_width, events),
@@ -50,7 +49,6 @@ def model_run(model, events, roi=None, config=CONFIG):
 
 @contextlib.contextmanager
 def within(seconds):
-    """Fails if what stands in the block takes longer."""
     begin = time.monotonic()
     yield
     assert time.monotonic() - begin < seconds

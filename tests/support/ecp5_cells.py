@@ -6,7 +6,6 @@ OUTPUTS = {"P0", "P1", "DOB0", "DOB1", "Q", "S0", "S1", "COUT", "Z"}
 
 
 def cell(kind, parameters=None, **wires):
-    """Of a netlist; outputs are those of :data:`OUTPUTS`."""
     directions = {pin: "output" if pin in OUTPUTS else "input" for pin in wires}
     wires = {pin: [bit] for pin, bit in wires.items()}
     return {"type": kind, "parameters": dict(parameters or {}), "connections": wires, "port_directions": directions}
@@ -51,7 +50,6 @@ class Netlist:
 
     @property
     def inputs(self):
-        """Nets that no cell drives."""
         read = {bits[0] for cell in self.cells.values() for bits in cell["connections"].values()}
         return sorted(bit for bit in read - {*self.drivers} if isinstance(bit, int))
 

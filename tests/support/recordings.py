@@ -75,7 +75,6 @@ def damaged(path, rng, count, headers):
 
 
 def cut(path, share):
-    """Cut a file to this share of its bytes."""
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
 

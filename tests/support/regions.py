@@ -89,7 +89,6 @@ def model_of(config):
 
 
 def without_clock(result):
-    """A result as the model gives it: without cycles."""
     return dataclasses.replace(
         result, regions=tuple(dataclasses.replace(region, cycles=None) for region in result.regions)
     )

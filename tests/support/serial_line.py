@@ -47,7 +47,6 @@ class SimulatedLine:
         self._handle = ctypes.c_void_p(self._library.uart_new(seed, ctypes.c_int64(divisor), step))
 
     def write(self, content):
-        """Put bytes on the way to the board."""
         self._library.uart_send(self._handle, bytes(content), ctypes.c_int64(len(content)))
 
     def read(self, timeout):
@@ -64,11 +63,9 @@ class SimulatedLine:
             self._library.uart_run(self._handle, ctypes.c_int64(SLICE_CYCLES), None, ctypes.c_int64(0))
 
     def time(self):
-        """Seconds since the begin."""
         return self._library.uart_cycles(self._handle) / CLOCK_HZ
 
     def close(self):
-        """Free the simulation. Safe to call twice."""
         if self._handle:
             self._library.uart_free(self._handle)
             self._handle = None

@@ -55,7 +55,6 @@ def started(*arguments):
 
 
 def finish(process):
-    """:class:`Done` of a process that :func:`started` has started."""
     out, err = process.communicate(timeout=120)
     return Done(process.returncode, out, err)
 

@@ -7,7 +7,6 @@ from cmfpga.events import Events, MemoryRecording
 
 
 def recording(t, x=10, y=10):
-    """Events at these times, µs, on a sensor of 40×30 px."""
     count = len(t)
     events = Events(t, np.broadcast_to(x, count), np.broadcast_to(y, count), np.zeros(count))
     return MemoryRecording(events, 40, 30, "made up")

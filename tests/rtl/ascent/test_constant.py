@@ -95,7 +95,6 @@ def test_matches_model(name, spacing, rng):
 
 
 def test_shapes_cover_both_signs_of_every_shift():
-    """What the configurations above are for."""
     assert {config.widths.gradient_shift > 0 for config in SHAPES.values()} == {True, False}
     assert {config.widths.gradient_shift < 0 for config in SHAPES.values()} == {True, False}
     assert {config.widths.step_shift < 0 for config in SHAPES.values()} == {True, False}
@@ -103,7 +102,6 @@ def test_shapes_cover_both_signs_of_every_shift():
 
 
 def g_of_slope(config, slope):
-    """A G that the shift turns into ``slope``."""
     shift = config.widths.gradient_shift
     return slope << shift if shift >= 0 else slope >> -shift
 

@@ -23,7 +23,6 @@ SHAPES = {
 
 
 def bounds(config):
-    """(low, high) of each member of :class:`Sums`."""
     sum_d_max = config.widths.sum_d_max if config.border != "whole" else 0
     ends = [sum_d_max] * 2 + [config.widths.s_max] * 2
     return [(0, config.widths.sum_i_max), *((-most, most) for most in ends)]

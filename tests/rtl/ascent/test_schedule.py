@@ -75,7 +75,6 @@ def limits(config):
 
 
 def entry_of(config, rng, *, good):
-    """An entry within its range, or any."""
     if not good:
         return random_value(payloads.schedule_entry(config), rng)
     values = (int(rng.integers(limit + 1)) for limit in limits(config))

@@ -23,7 +23,6 @@ def anywhere(config, rng):
 
 
 def check(block, rng):
-    """Probe beside any v; iterations complete between the probes."""
     script, expected, names = [], [], block.config.motion_model.names
     for v, probed in anywhere(block.config, rng):
         script += [{"v": dict(zip(names, v, strict=True)), "complete": 1}, {}, {"complete": 1}, {}, {}, {}]

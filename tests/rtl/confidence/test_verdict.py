@@ -15,7 +15,6 @@ CONFIG = preset("fast").replace(
 
 
 def cases(config, rng, count):
-    """``(n, limit, ΣI, squares, curvature)``: any verdict."""
     widths, pixels = config.widths, config.geometry.pixels
     for _ in range(count):
         n, limit = int(rng.integers(1, config.buffer_events + 1)), int(rng.choice([0, 1, 90, 1023]))
@@ -39,7 +38,6 @@ def expected(config, many):
 
 
 def decided(config, many):
-    """What a verdict says of each case; in its cycle."""
     block, script = verdict.Verdict(config), []
     for n, limit, sum_i, squares, shape in many:
         given = {"sum_i": sum_i, "squares": squares, "events": n, "limit": limit, "curvature": shape._asdict()}

@@ -19,8 +19,6 @@ from support.values import edge_integers, tensor
 
 
 class Rounds(wiring.Component):
-    """From scaled events to the sums of their evaluations."""
-
     def __init__(self, config, event=None):
         self.evaluators, self.image = Evaluators(config, event), image_of(config)(config, in_flight=9)
         names = ("i", "centre", "distance", "level")

@@ -66,7 +66,6 @@ class RegisterImage(ImageSums):
         return m
 
     def votes_to_add(self, m):
-        """(valid, votes) of this cycle."""
         m.d.comb += self.room.eq(1)
         return self.votes.valid, self.votes.payload
 
@@ -99,8 +98,6 @@ class SlowImage(RegisterImage):
 
 
 class CarelessImage(SlowImage):
-    """Says that there is always room."""
-
     def has_room(self, queue):
         return 1
 

@@ -54,7 +54,6 @@ def test_matches_model(name, gap, rng):
 
 
 def test_every_time_of_every_short_span():
-    """All that 4 bits allow."""
     config = SHAPES["short"]
     for span in range(1, 16):
         check(config, list(range(span + 1)), span, [0] * (span + 1))

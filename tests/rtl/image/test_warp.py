@@ -59,7 +59,6 @@ def check(config, dt, x, y, vx, vy, levels=None, gaps=None):
 @pytest.mark.parametrize("gap", GAPS)
 @pytest.mark.parametrize("name", SHAPES)
 def test_matches_model(name, gap, rng):
-    """Levels mixed at random, and the dither's fractions."""
     config, count = SHAPES[name], 150
     levels = rng.integers(0, config.max_level, count, endpoint=True).tolist()
     events = [edge_integers(rng, low, high, count).tolist() for low, high in limits(config)]

@@ -123,7 +123,6 @@ def test_times(case):
 
 @pytest.mark.parametrize("name", ["narrow", "odd", "tiny", "whole"])
 def test_every_border_of_every_corner_position(name):
-    """The ROI in the four corners of the sensor; events on both sides of each of its borders."""
     config = SHAPES[name]
     batches = []
     for roi in [(x, y) for x in (0, config.geometry.roi_x_max) for y in (0, config.geometry.roi_y_max)]:

@@ -25,7 +25,6 @@ PATIENCE = 20  # cycles after which units that are all busy can be loaded
 
 
 def bins(place):
-    """Addresses of the bins that a row overlaps, on the sensor."""
     x, y, width, height = place
     bits, store = CONFIG.bin_bits, CONFIG.store
     columns = range(x >> bits, min(x + width - 1 >> bits, store.columns - 1) + 1)
@@ -71,7 +70,6 @@ class Surroundings:
         return {row for _, of, row in self.pending if of <= batch}
 
     def begins(self, begin, ready, idle):
-        """A row is given to a unit."""
         assert self.given is None and self.row < self.rows, "a unit begins while another one is loaded"
         free = (ready & idle) or ready
         assert begin == free & -free, "not to the unit that is free"
@@ -82,7 +80,6 @@ class Surroundings:
         self.overlaps += bool(self.missing(self.batch - 1))
 
     def commits(self, commit, job, cycle, delay, busy):
-        """It is handed over."""
         assert commit == self.given and not busy, "to another unit, or while its events come"
         assert (job.number, job.turn) == (self.row, self.batch % 2), "another row"
         assert self.reads == bins(PLACES[self.row]), "other bins"

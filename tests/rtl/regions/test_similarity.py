@@ -54,7 +54,6 @@ def around(config, rng, number):
 
 
 def test_any_motion_about_any_middle():
-    """Every sum of every iteration, every verdict, every cycle."""
     hardware, rng, flags, known = VerilatedCore(CONFIG), np.random.default_rng(5), set(), set()
     unit_of = hardware.core.units[0]
     for _ in range(20):

@@ -20,7 +20,6 @@ def batches(config, rng):
 
 
 def in_bins(config, events):
-    """``{address: its events}``, of all bins."""
     found = {row << config.store.column_bits | column: []
              for row in range(config.store.rows) for column in range(config.store.columns)}  # fmt: skip
     for t, x, y in events:

@@ -71,7 +71,6 @@ class Consumer:
 
 
 def run(tokens, ends, flow, rng, *, busy=2, start_p=1.0, commands=(), open_end=False):
-    """Returns (batches as lists of events, rest, empty ends)."""
     block = BatchEnd(CONFIG)
     consumer = Consumer(block, ends, rng, busy=busy, start_p=start_p, commands=commands)
     items = [{name: int(value) for name, value in k._asdict().items() if name != "known"} for k in tokens]

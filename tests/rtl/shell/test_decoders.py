@@ -227,7 +227,6 @@ def test_splitter(flow, roi, rng):
 
 
 def vectors(rng, count):
-    """Tokens of vectors in and around a sensor."""
     columns = [0, 1, 50, 60, 63, 123, 124, 170, 227, 228, 229, 239, 240, 4096]
     rows = [0, 7, 70, 71, 100, 179, 180, 2047]
     items = []

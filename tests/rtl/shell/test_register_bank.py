@@ -32,8 +32,6 @@ def bank_map():
 
 
 class Access:
-    """Reads and writes of a bank, cycle by cycle."""
-
     def __init__(self, ctx, bank):
         self.ctx, self.bank = ctx, bank
         self.ports = {name: Port(getattr(bank, name)) for name in ("values", "status", "set", "clear", "commands")}

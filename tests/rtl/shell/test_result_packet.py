@@ -17,7 +17,6 @@ from support.values import Port, random_values
 
 
 def words_of(config, registers, result, own):
-    """The words of a packet; ``result`` as plain values."""
     flat = dict(own)
     for f in fields_of("batch", "region", "packet", config=config):
         shape, value = f.shape(config), result[f.name]

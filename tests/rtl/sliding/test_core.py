@@ -87,7 +87,6 @@ def compared(core, config, counts, rng):
 
 @pytest.fixture(scope="module")
 def cores():
-    """A simulated core of each hardware that is asked for."""
     made = {}
     yield lambda config: made.setdefault(config.hardware_hash, VerilatedCore(config))
     for core in made.values():

@@ -103,7 +103,6 @@ class Host:
         return (await self.request(link.EVENTS_LAST if last else link.EVENTS, content, **how))[0]
 
     async def counters(self):
-        """Those that are not 0."""
         offsets = {name: link.REGISTERS[f"COUNT_{name.upper()}"].offset for name in link.COUNTERS}
         found = {name: await self.read(link.BASE + offset) for name, offset in offsets.items()}
         return {name: value for name, value in found.items() if value}
@@ -113,7 +112,6 @@ class Host:
 
 
 def as_beats(words, last):
-    """What the shell gets of a frame."""
     words = list(words)
     found = []
     for k in range(0, len(words), 2):

@@ -16,7 +16,6 @@ def levels(content, bit):
 
 
 def received(divisor, wire, tail=40):
-    """(bytes, errors) of a receiver."""
     block, found, errors = Receiver(divisor), [], []
 
     async def bench(ctx):

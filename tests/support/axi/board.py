@@ -76,7 +76,6 @@ class Board:
             self.cycle += 1
 
     async def reset(self, cycles=4):
-        """Hold aresetn low."""
         self.dut.aresetn.value = 0
         await ClockCycles(self.dut.aclk, cycles)
         self.dut.aresetn.value = 1
@@ -97,7 +96,6 @@ class Board:
         await self.write_word(register.offset, register.pack(**fields) if word is None else word)
 
     async def read(self, name, field=None):
-        """A register's word, or one field of it."""
         register = self.registers[name]
         word = await self.read_word(register.offset)
         return register[field].unpack(word) if field else word

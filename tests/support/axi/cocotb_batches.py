@@ -34,7 +34,6 @@ async def begin(dut, *, seed=0, pauses=0.0, ends=None, form="PACKED"):
 
 
 def following(settings):
-    """Settings of the next batch: the ROI is loaded once."""
     return dataclasses.replace(settings, roi=None)
 
 

@@ -64,7 +64,6 @@ class Expected:
 
 
 def raw_values(config, outcome):
-    """``{leaf: raw value}`` of an outcome, less ``cycles``."""
     values = {}
     for field in fields_of("batch", "region", config=config):
         if field.name != "cycles":

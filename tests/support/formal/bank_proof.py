@@ -9,7 +9,6 @@ from support.formal.harness import Harness
 
 
 def anything(target):
-    """Drive an input freely."""
     return target.eq(AnySeq(len(Value.cast(target))))
 
 
@@ -103,8 +102,6 @@ class BankHarness(Harness):
 
 
 class ReadAddWriteHarness(BankHarness):
-    """Of :class:`ReadAddWrite`."""
-
     COVERS = 10
 
     def __init__(self, dut):
@@ -139,8 +136,6 @@ class ReadAddWriteHarness(BankHarness):
 
 
 class TaggedBankHarness(BankHarness):
-    """Of :class:`TaggedBank`, with any tags."""
-
     COVERS = 13
 
     def __init__(self, dut):

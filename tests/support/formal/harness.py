@@ -179,13 +179,11 @@ class Outcome:
 
     @property
     def step(self):
-        """Cycle of the counterexample."""
         steps = re.findall(r"Checking assertions in step (\d+)", self.log)
         return int(steps[-1]) if self.status == "FAIL" and steps else None
 
     @property
     def covered(self):
-        """How many cover statements were reached."""
         return len(re.findall(r"## .* Reached cover statement", self.log))
 
 

@@ -57,7 +57,6 @@ class Design:
                     self.has["space"][f"{cell}/{fields[2]}"] = True
 
     def driver(self, name):
-        """The pin that drives ``name``, or None."""
         pins = self.has["pin"]
         return next((pin for net in self.nets if name in net for pin in net if pins.get(pin, "I")[0] == "O"), None)
 

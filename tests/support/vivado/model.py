@@ -143,7 +143,6 @@ class Vivado(Design):
         return options, [self.value(*name, word) for name, word in zip(names, rest, strict=True)]
 
     def value(self, takes, allowed, text):
-        """A word that its pattern allows; of an object, the name."""
         if allowed.startswith("<"):
             return self.objects(text, allowed[1:-1].split("|"), 1)[0].partition(":")[2]
         if takes and allowed and not re.fullmatch(allowed, text):
@@ -151,7 +150,6 @@ class Vivado(Design):
         return text
 
     def objects(self, text, kinds, count=None):
-        """The objects of a list, which must exist."""
         found = self.tcl.splitlist(text)
         good = [thing for thing in found if thing in self.things and thing.partition(":")[0] in kinds]
         if not good or len(found) != (count or len(good)):

@@ -56,7 +56,6 @@ BATCHES = {"paper": 300, "fast": 300}  # 60 for the others
 
 @pytest.fixture(scope="module", params=CONFIGS)
 def pair(request):
-    """A verilated core and the model, both after a reset."""
     torch.set_num_threads(1)
     config = CONFIGS[request.param]
     core = VerilatedCore(config, seed=7)
