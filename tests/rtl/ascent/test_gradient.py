@@ -8,6 +8,8 @@ import pytest
 from cmfpga.config import Config, preset
 from cmfpga.reference.integer.image import Sums, gradient
 from cmfpga.rtl.ascent.gradient import Gradient
+from cmfpga.rtl.image.gradient_reader import GradientReader
+from cmfpga.rtl.image.one_pass_gradient import OnePassGradient
 from support.bench import play
 from support.configs import CONFIGS
 from support.values import edge_integers, random_value
@@ -68,3 +70,7 @@ def test_exact_at_the_bounds(name):
     recording = check(config, items)
     came = [value for item in recording.values() for value in item.values()]
     assert max(came) == config.widths.g_max and min(came) == -config.widths.g_max
+
+
+def test_the_plain_sums_are_final_as_early_as_the_gradient_needs_them():
+    assert min(GradientReader.lead, OnePassGradient(preset("fast"), accumulator_latency=1).lead) >= Gradient.lead

@@ -27,13 +27,14 @@ def check(config, batches, probability=0.0, seed=0):
     """Batches of (t, x, y, roi), back to back; returns the models' results."""
     rng = np.random.default_rng(seed)
     block = RoiFilter(config)
-    script, expected, ends, results = [], [], [], []
+    script, pushed, expected, ends, results = [], set(), [], [], []
     for t, x, y, roi in batches:
         # `start` comes when the batch before is through; the ROI stays for the whole batch.
         script.append({"start": 1, "roi": {"x": roi[0], "y": roi[1]}})
         events = [{"t": t, "x": x, "y": y, "last": int(rng.integers(2))} for t, x, y in zip(t, x, y, strict=True)]
         gaps = random_gaps(rng, len(events), probability)
-        part, _ = flow_script(block, events, gaps, rng, drain=block.latency + 1)
+        part, cycles = flow_script(block, events, gaps, rng, drain=block.latency + 1)
+        pushed |= {len(script) + cycle for cycle in cycles}
         model = roi_filter(config, t, x, y, roi=roi)
         script += part
         ends.append(len(script) - 1)
@@ -41,6 +42,7 @@ def check(config, batches, probability=0.0, seed=0):
         expected += zip(model.t.tolist(), model.x.tolist(), model.y.tolist(), strict=True)
     recording = play(block, script, watch=[f"measured.{name}" for name in COUNTERS])
     assert [(value["t"], value["x"], value["y"]) for value in recording.values()] == expected
+    assert {cycle - block.latency for cycle in recording.cycles()} <= pushed
     for (t, *_), end, model in zip(batches, ends, results, strict=True):
         got = {name: recording.watch[f"measured.{name}"][end] for name in COUNTERS}
         if len(t):
