@@ -31,11 +31,6 @@ def random_velocity(rng, width, height):
     return rng.uniform(-1, 1, 2) * (width, height) * rng.choice([0.1, 0.5, 3])
 
 
-def interior_events(rng, n=50, width=20, height=12):
-    """Events that stay 2 px away from the border for |v| ≤ 2."""
-    return rng.integers(4, width - 4, n), rng.integers(4, height - 4, n), rng.uniform(-1, 1, n)
-
-
 def check_equations(module, rng, cases=8, levels=(0, 1, 2, 3)):
     """``module``'s evaluate equals the transcription on random events of every size, dithered or not."""
     close = {"rtol": 1e-12, "atol": 1e-11}
@@ -121,13 +116,6 @@ def test_corners_outside_are_dropped_alone(x, y, expected):
     assert got == expected
 
 
-def test_signs_of_the_derivatives():
-    """An event after t_ref moves left as vx grows: the left pixels gain."""
-    d_x, d_y = floating.derivative_images(floating.bilinear_votes([0.25], [0.5], 2, 2), 0.5, 2, 2)
-    assert d_x.tolist() == [[0.25, -0.25], [0.25, -0.25]]
-    assert d_y.tolist() == [[0.375, 0.125], [-0.375, -0.125]]
-
-
 @pytest.mark.parametrize("n", [0, 1])
 def test_few_events(n):
     it = floating.evaluate([2] * n, [1] * n, [1.0] * n, (0.0, 0.0), width=4, height=4)
@@ -141,21 +129,9 @@ def test_few_events(n):
         assert trace.v.tolist() == [[0.5, 0.25]] * 4
 
 
-def test_whole_pixel_translation_changes_nothing(rng):
-    x, y, dt = interior_events(rng)
-    v = (1.7, -0.6)
-    a = floating.evaluate(x, y, dt, v, width=24, height=16)
-    b = floating.evaluate(x + 3, y + 2, dt, v, width=24, height=16)
-    torch.testing.assert_close(b.image[2:, 3:], a.image[:-2, :-3])
-    torch.testing.assert_close(b.contrast, a.contrast)
-    torch.testing.assert_close(b.gradient, a.gradient)
-    other = floating.evaluate(x + 1 - 0.5, y, dt, v, width=24, height=16)  # half a pixel does change it
-    assert abs(float(other.contrast - a.contrast)) > 1e-3
-
-
 def test_time_reversal_flips_v(rng):
     t = np.sort(rng.integers(1000, 90000, 40))
-    x, y, _ = interior_events(rng, 40)
+    x, y = rng.integers(4, 16, 40), rng.integers(4, 8, 40)  # two pixels away from the border
     forth = floating.scaled_times(t, t[0], t[-1])
     back = floating.scaled_times(t[0] + t[-1] - t[::-1], t[0], t[-1])
     v = np.array([1.1, -0.7])

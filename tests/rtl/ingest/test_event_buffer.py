@@ -129,13 +129,6 @@ def test_one_buffer_is_filled_while_the_other_is_replayed(depth):
     assert check(depth, batches, buffers=2, probability=0.3).overlaps > 0
 
 
-def test_what_is_replayed_stays_until_it_is_taken():
-    """A filling that waits for long, complete, while the other is replayed again and again."""
-    check(6, [(4, 9), (9, 2), (2, 7), (1, 9), (6, 1)], buffers=2)
-    # Nothing of a filling that is dropped unreplayed.
-    check(6, [(4, 2), (6, 0), (0, 0), (3, 2), (1, 0), (2, 4)], buffers=2, idle=1)
-
-
 def test_counters_follow_the_filling(rng):
     """During a replay the counters are those of the buffer that is being filled, in every cycle."""
     block = EventBuffer(Config(buffer_events=3, buffers=2, max_batch_events=1000))
