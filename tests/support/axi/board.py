@@ -12,7 +12,6 @@ from cocotbext import axi
 
 from cmfpga.config import Config
 from cmfpga.protocol.registers import register_map
-from cmfpga.protocol.tables import window_words
 from cmfpga.protocol.words import result_values, setting_words, split_packets
 
 CONFIG = Config(**json.loads(os.environ["CMFPGA_CONFIG"])) if "CMFPGA_CONFIG" in os.environ else Config()
@@ -106,17 +105,13 @@ class Board:
         }
 
     async def apply(self, settings):
-        """Write settings by their links, the schedules that they point at, and the nodes of a camera."""
+        """Write settings by their links, and the schedules that they point at."""
         for name, word in setting_words(self.registers, settings).items():
             await self.write(name, word)
         for k, entry in enumerate(settings.get("schedule", ())):
             register = self.registers["SCHEDULE"]
             word = register.pack(**dict(zip((f.name for f in register.fields), entry, strict=True)))
             await self.write_word(register.offset + 4 * k, word)
-        for node in settings.get("nodes", ()):
-            values = dict(zip(("column", "row", "x", "y"), node, strict=True))
-            for register, word in window_words(self.registers, "node", values):
-                await self.write_word(register.offset, word)
 
     async def until(self, name, field, value=1):
         for _ in range(4000):

@@ -125,11 +125,9 @@ async def settings_take_effect_at_the_next_batch(dut):
 
     await half(0)
     await board.until("STATUS", "TAKING_IN")
-    other = dataclasses.replace(settings, roi=(3, 5), min_roi_events=4, thinning=2, start_last=False, v_start=(16, -8))
-    if CONFIG.ascent_rule.has_table:
-        other = dataclasses.replace(other, cold=settings.cold[:3], warm=settings.warm[:2])
-    else:
-        other = dataclasses.replace(other, iterations=3, eta=settings.eta // 2)
+    changes = {"min_roi_events": 4, "thinning": 2, "start_last": False, "v_start": (16, -8)}
+    changes |= {"roi": (3, 5), "cold": settings.cold[:3], "warm": settings.warm[:2]}
+    other = dataclasses.replace(settings, **changes)
     await board.apply(links(CONFIG, other, ends))
     await rest(0)
     same(await board.result(), expected.result(batches[0], settings))
@@ -345,9 +343,8 @@ async def settings_out_of_range(dut):
     board, expected, settings = await begin(dut, form="PACKED")
     assert await board.read("STATUS", "CONFIG_RANGE") == 0
     big = 0xFFFFFFFF
-    for name in ("ROI_GAIN", "MIN_ROI_EVENTS", "THINNING", "ITERATIONS", "ETA"):
-        if name in board.registers:
-            await board.write(name, big)
+    for name in ("ROI_GAIN", "MIN_ROI_EVENTS", "THINNING"):
+        await board.write(name, big)
     await board.write("V_START_X", 0x7FFFFFFF)
     await board.write("V_START_Y", 0x80000000)
     await board.write("THINNING", 0)
@@ -358,9 +355,6 @@ async def settings_out_of_range(dut):
     assert await board.read("STATUS", "CONFIG_RANGE") == 1
     formats, corner = CONFIG.formats, (CONFIG.geometry.roi_x_max, CONFIG.geometry.roi_y_max)
     changes = {"roi": corner, "v_start": (formats.v.max, formats.v.min), "start_last": False, "thinning": 1}
-    if CONFIG.ascent == "constant":
-        changes |= {"iterations": 2, "eta": formats.eta.max}
-        await board.write("ITERATIONS", 2)
     limited = dataclasses.replace(settings, roi_gain=formats.roi_gain.max, **changes)
     events = moving_events(CONFIG, 80, 14)
     x, y = events.x // 2 + CONFIG.sensor_width // 2, events.y // 2 + CONFIG.sensor_height // 2

@@ -8,18 +8,14 @@ import pytest
 from cmfpga.config import preset
 from support.axi.simulators import require, simulate
 
-SMALL = {"sensor_width": 64, "sensor_height": 48, "roi_width": 16, "roi_height": 12, "buffer_events": 128}
 CONFIGS = {
-    "small fast": preset("fast").replace(**SMALL, max_batch_events=2000),
+    "small fast": preset("fast").replace(
+        sensor_width=64, sensor_height=48, roi_width=16, roi_height=12, buffer_events=128, max_batch_events=2000
+    ),
     # Icarus takes some milliseconds a clock cycle.
     "tiny paper": preset("paper").replace(
         sensor_width=40, sensor_height=30, roi_width=8, roi_height=6, buffer_events=64, max_batch_events=2000,
         iterations=2, max_iterations=7,
-    ),
-    "small similarity": preset("similarity").replace(**SMALL, max_batch_events=2000),
-    "small rotation": preset("rotation").replace(
-        **SMALL | {"roi_width": 64, "roi_height": 48}, max_batch_events=2000, ram_style="auto",
-        camera="70,70,31,22,-0.2,0,0,0",
     ),
 }  # fmt: skip
 REGISTERS, BATCHES = "cocotb_registers", "cocotb_batches"
@@ -48,11 +44,6 @@ def check(simulator, config, tests, folder):
 
 def test_in_verilator(tmp_path):
     check("verilator", "small fast", {module: names_in(module) for module in (REGISTERS, BATCHES)}, tmp_path)
-
-
-@pytest.mark.parametrize("motion", ["similarity", "rotation"])
-def test_motions_in_verilator(motion, tmp_path):
-    check("verilator", f"small {motion}", SOME, tmp_path)
 
 
 @pytest.mark.parametrize("tests", [{REGISTERS: names_in(REGISTERS)}, SOME], ids=[REGISTERS, BATCHES])
