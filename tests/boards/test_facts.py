@@ -53,12 +53,9 @@ def test_addresses(tcl, facts):
 
 
 def test_interrupt_clock_and_reset(facts):
-    design = text_of("vivado/design.tcl")
-    assert KV260.interrupt_spi == 89  # pl_ps_irq0[0], to which design.tcl connects the IP
-    assert "connect_bd_net [get_bd_pins cmfpga/irq] [get_bd_pins ps/pl_ps_irq0]" in design
+    assert KV260.interrupt_spi == 89  # pl_ps_irq0[0], to which design.tcl connects the IP: test_vivado_scripts.py
     assert (facts["clock"]["linux_clock"], facts["clock"]["linux_reset"]) == (71, 116)
-    assert KV260.linux_clock == "pl0_ref" and "ps/pl_clk0" in design and "pl_clk1" not in design
-    assert "ps/pl_resetn0" in design
+    assert KV260.linux_clock == "pl0_ref"
 
 
 def test_clock(tcl, facts):
