@@ -214,8 +214,7 @@ def test_stop_without_events_and_with_too_many(accelerator, top, rng):
     top.limit(send=60)
     accelerator.send(encode(batch(rng, 100), "PACKED"))  # the rest never comes
     top.run(2000)
-    results = accelerator.stop()
-    assert [result.events for result in results] == [60]
+    assert [result.events for result in accelerator.stop()] == [60]
     top.limit()
     events = batch(rng, 80)
     assert differences(accelerator.run(events, roi=(8, 4)), model_run(ModelEngine(CONFIG), events, (8, 4))) == []
@@ -260,8 +259,7 @@ def test_a_file_of_evt30(compiler, data_dir):
                 accelerator.backend.top.run(1000)
                 counts = accelerator.counters()
             (result,) = accelerator.results(1) if len(events) == size else accelerator.stop()
-            roi = None if number else (1040, 290)
-            assert differences(result, model_run(model, events, roi, config)) == []
+            assert differences(result, model_run(model, events, None if number else (1040, 290), config)) == []
             assert result.t_first == events.t[0] and result.roi_events > 100
         assert number == 10 and counts["events_in"] == counts["events_taken"] + 1 == recording.extent()[0] == 219_596
         assert counts["other_words"] == 1 and not counts["format_errors"] + counts["time_high_back"]

@@ -147,8 +147,7 @@ def test_what_ends_a_run(accelerator, rng):
     events, given = object_of(rng), settings(hop_us=0)
     wanted = modelled(events[100:], given)
     for end in (accelerator.stop, accelerator.reset, lambda: None):
-        part = accelerator.run(events[:100], settings=given)
-        assert sum(one.events for one in part) < 100
+        assert sum(one.events for one in accelerator.run(events[:100], settings=given)) < 100
         end()
         alike(accelerator.run(events[100:], settings=given), wanted, 3)
     accelerator.reset()

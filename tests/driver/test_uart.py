@@ -134,8 +134,7 @@ def test_events_of_the_sensors_port(accelerator, line, rng):
     line.play(levels(to_bytes(words, big_endian=True), low=(False, True), gaps=rng, packet=320, packets=4))
     for k, result in enumerate(accelerator.results(3)):
         part = dataclasses.replace(events, **{n: getattr(events, n)[300 * k : 300 * k + 300] for n in "txyp"})
-        expected = model_run(model, part, (8, 4) if k == 0 else None)
-        assert differences(result, expected) == []
+        assert differences(result, model_run(model, part, (8, 4) if k == 0 else None)) == []
     accelerator.stop()
     count = accelerator.backend.counters()
     assert (count["cpi_words"], count["cpi_skipped"], count["cpi_overflow"]) == (len(words), len(words), 0)

@@ -120,6 +120,5 @@ def test_proof_finds(harness, mutant):
 def test_proof_finds_in_deep_banks(mutant, monkeypatch):
     monkeypatch.setattr(tagged_accumulator, "SHALLOW", 4)
     monkeypatch.setattr(tagged_accumulator, "SlicedMemory", mutant.module().SlicedMemory)
-    harness = TaggedBankHarness(tagged_accumulator.TaggedBank(tiny(6, 4)))
-    outcome = solve(harness, "bmc", MUTANT_CYCLES)
+    outcome = solve(TaggedBankHarness(tagged_accumulator.TaggedBank(tiny(6, 4))), "bmc", MUTANT_CYCLES)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

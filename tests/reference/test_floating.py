@@ -17,8 +17,7 @@ def random_events(rng, width, height, n):
     x, y = rng.integers(width, size=n).astype(float), rng.integers(height, size=n).astype(float)
     border = rng.random(n) < 0.2
     x[border] = rng.choice([0, width - 1], border.sum())
-    dithered = rng.random() < 0.5
-    if dithered:
+    if rng.random() < 0.5:
         x, y = x + rng.uniform(-0.5, 0.5, n), y + rng.uniform(-0.5, 0.5, n)
     dt = rng.uniform(-1, 1, n)
     if n > 1:
@@ -112,8 +111,7 @@ def test_gradient_equals_autograd(width, height, level, rng):
 def test_corners_outside_are_dropped_alone(x, y, expected):
     image = floating.iwe([x], [y], 3, 4)
     assert image.shape == (4, 3)
-    got = {(i, j): float(image[j, i]) for j in range(4) for i in range(3) if image[j, i]}
-    assert got == expected
+    assert {(i, j): float(image[j, i]) for j in range(4) for i in range(3) if image[j, i]} == expected
 
 
 @pytest.mark.parametrize("n", [0, 1])

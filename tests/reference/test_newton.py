@@ -125,8 +125,7 @@ def test_words_hold_what_they_are_said_to(name, rng):
 
 
 def test_nothing_measured_moves_nothing_and_the_format_limits():
-    none = [(0, 0)] * 4
-    assert newton(CONFIG, (5, -7), none, Round(0, 3, 4.0)) == ((5, -7), False)
+    assert newton(CONFIG, (5, -7), [(0, 0)] * 4, Round(0, 3, 4.0)) == ((5, -7), False)
     up = gradients(-(1 << 20), -(1 << 20), 0, 1 << 20, -(1 << 18))
     assert newton(CONFIG, (2000, -7), up, Round(0, 3, 0.75)) == ((2047, -7), True)  # y is lesser
     assert newton(CONFIG, (1999, -7), up, Round(0, 3, 0.75)) == ((2047, -7), False)

@@ -112,8 +112,7 @@ WINDOWS = [
 def test_windows_are_those_of_a_plain_list(hops, rng):
     events = drawn(rng, 900)
     events[0][300:303] -= 200  # back in time
-    given = settings(QUAD, **HELD)
-    found, (wanted, stored) = slid(QUAD, hops, events, given), listed(hops, events, 6)
+    found, (wanted, stored) = slid(QUAD, hops, events, settings(QUAD, **HELD)), listed(hops, events, 6)
     places = numbered(found)
     assert [(*place, hop.t_us) for place, hop in zip(places, found, strict=True)] == [one[:3] for one in wanted]
     assert sum(hop.late for hop in found) > 5 or hops["hop_events"] == hops["window_events"]

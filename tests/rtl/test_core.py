@@ -140,8 +140,7 @@ def test_degenerate_batches_change_nothing(what, rng):
     # The batches after it are so short that a division that the degenerate batch began would still be running.
     batches = [good, bad, centered(config, [3, 9, 30]), bad, bad, spread(config, rng), bad, spread(config, rng, 2)]
     results, outcomes = run(config, batches, rng)
-    degenerate = [Flag.DEGENERATE in result.flags for result in results]
-    assert degenerate == [batch is bad for batch in batches]
+    assert [Flag.DEGENERATE in result.flags for result in results] == [batch is bad for batch in batches]
     assert outcomes[1].result["v"] == outcomes[0].result["v"]
     if bad.settings.roi is None:
         assert outcomes[1].result["roi_next"] == outcomes[0].result["roi_next"]
@@ -222,8 +221,7 @@ def test_a_batch_ends_with_its_roi_events(name, flow, rng):
 def test_result_waits(rng):
     """A result that waits for long holds (``drive_core`` compares each cycle), and the next batch is not taken up."""
     config = CONFIGS["small"]
-    batches = [spread(config, rng, 10, iterations=1) for _ in range(3)]
-    run(config, batches, rng, stall=0.97)
+    run(config, [spread(config, rng, 10, iterations=1) for _ in range(3)], rng, stall=0.97)
 
 
 @functools.cache

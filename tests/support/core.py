@@ -200,8 +200,7 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
         assert cycles == outcome.done - outcome.opened
         if free and not degenerate:
             counts = {"events": wanted.events, "roi_events": wanted.roi_events, "iterations": model.plan}
-            judged = bool(wanted.confidence_limit)
-            assert cycles == _core(config).cycles(**counts, judge=judged), f"batch {number}"
+            assert cycles == _core(config).cycles(**counts, judge=bool(wanted.confidence_limit)), f"batch {number}"
     return results
 
 

@@ -115,8 +115,7 @@ def test_settings_that_the_core_does_not_read_are_told(name, idle):
 @pytest.mark.parametrize("name", [*PRESETS, *CONFIGS])
 def test_no_warning_of_verilator(name, sim_dir, tmp_path):
     """Beside those of the core, whose waivers are for its file alone here."""
-    config = CONFIGS.get(name) or preset(name)
-    write(config, tmp_path)
+    write(CONFIGS.get(name) or preset(name), tmp_path)
     waivers = tmp_path / "verilator.vlt"
     waivers.write_text((sim_dir / "verilator.vlt").read_text().replace("*cmfpga_*.v", f"*{TOP}.v"))
     text = (tmp_path / f"{example.EXAMPLE}.v").read_text()
@@ -147,8 +146,7 @@ def test_fields_lie_as_in_the_payloads(name):
     """As Amaranth lays out what the core's streams carry."""
     config = preset(name)
     core = verilog_top(config)
-    text = description.header(port_table(core))
-    found = {key: int(value) for key, value in re.findall(r"(\w+) = (\d+)[,;]", text)}
+    found = {key: int(value) for key, value in re.findall(r"(\w+) = (\d+)[,;]", description.header(port_table(core)))}
     layouts = {"event": payloads.event(config), "settings": payloads.settings(config), "result": core.o.payload.shape()}
     for group, layout in layouts.items():
         assert found[f"{group.upper()}_BITS"] == Shape.cast(layout).width

@@ -53,10 +53,9 @@ def test_the_memories_are_where_they_should_be(core_and_text):
         for name, module in modules(text).items()
     }
     pixel = [config.widths.image_bits, config.widths.derivative_image_bits, config.widths.derivative_image_bits]
-    event = len(core.event_buffer.i.payload.as_value())
     # The four banks are one module.
     assert {name: sizes for name, sizes in found.items() if sizes} == {
         "image_accumulator_bank": sorted((bits, config.geometry.bank_depth) for bits in pixel),
-        "event_buffer": [(event, config.buffer_events)],
+        "event_buffer": [(len(core.event_buffer.i.payload.as_value()), config.buffer_events)],
     }
     assert text.count(f"\n  {TOP}_image_accumulator_bank bank_") == 4

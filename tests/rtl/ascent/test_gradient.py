@@ -38,16 +38,14 @@ def check(config, items, spacing=None, seed=0):
     block = Gradient(config)
     rng = np.random.default_rng(seed)
     valid = np.cumsum(spacing or [block.lead] * len(items)).tolist()
-    shape = block.i.payload.shape()
-    script = [{"i.payload": random_value(shape, rng)} for _ in range(valid[-1] + block.latency + 5)]
+    script = [{"i.payload": random_value(block.i.payload.shape(), rng)} for _ in range(valid[-1] + block.latency + 5)]
     for sums, at in zip(items, valid, strict=True):
         for cycle in script[at - block.lead : at + 1]:
             cycle["i.payload"] |= {"i": sums.i, "dx": sums.dx, "dy": sums.dy}
         script[at]["i.valid"] = 1
         script[at]["i.payload"] |= dict(zip(("sx", "sy"), sums.s, strict=True))
     recording = play(block, script)
-    expected = [dict(zip("xy", gradient(config, sums), strict=True)) for sums in items]
-    assert recording.values() == expected
+    assert recording.values() == [dict(zip("xy", gradient(config, sums), strict=True)) for sums in items]
     assert [out - into for out, into in zip(recording.cycles(), valid, strict=True)] == [block.latency] * len(items)
     return recording
 
@@ -67,8 +65,7 @@ def test_exact_at_the_bounds(name):
     extremes = [sorted({low, 0, high}) for low, high in bounds(config)]
     # y takes the opposite of x, which halves the number of combinations without losing one.
     items = [Sums(i, dx, -dx, (sx, -sx)) for i, dx, sx in itertools.product(extremes[0], extremes[1], extremes[3])]
-    recording = check(config, items)
-    came = [value for item in recording.values() for value in item.values()]
+    came = [value for item in check(config, items).values() for value in item.values()]
     assert max(came) == config.widths.g_max and min(came) == -config.widths.g_max
 
 

@@ -57,8 +57,7 @@ def check(config, rng, count=8, rounds=12):
     for _ in range(count):
         plan = [random_entry(config, rng) for _ in range(rounds)]
         for k, entry in enumerate(plan):
-            names = ("level", "distance", "limit")
-            values = dict(zip(names, table_entry(config, entry), strict=True))
+            values = dict(zip(("level", "distance", "limit"), table_entry(config, entry), strict=True))
             cycle(**{"schedule_write.valid": 1, "schedule_write.payload": {"address": k, "entry": values}})
         cycle(**{"run.take": 1})
         start = tuple(int(rng.integers(fmt.min, fmt.max + 1)) >> int(rng.integers(4)) for _ in "xy")

@@ -160,5 +160,4 @@ def test_every_step_from_every_end(name):
         for start in {0, low, high, *(high - step + near for near in (0, 1)), *(low + step + near for near in (-1, 0))}:
             start = min(max(start, low), high)
             batches += [((start, -1 - start, *rest), [(shift, sign, -sign, *rest)]) for sign in (-1, 0, 1)]
-    timeline = check(config, batches)
-    assert {v[0] for v, _ in timeline} >= {low, high}
+    assert {v[0] for v, _ in check(config, batches)} >= {low, high}

@@ -61,8 +61,7 @@ def check(block, rng, count=80):
     assert 0.1 < np.mean([doubtful for *_, doubtful in wanted]) < 0.9
     watched = play(block, script, flows=(), watch=("done", "curvature", "doubtful")).watch
     done = [cycle for cycle, value in enumerate(watched["done"]) if value]
-    found = [(cycle, watched["curvature"][cycle]["least"], watched["doubtful"][cycle + 1]) for cycle in done]
-    assert found == wanted
+    assert [(cycle, watched["curvature"][cycle]["least"], watched["doubtful"][cycle + 1]) for cycle in done] == wanted
 
 
 @pytest.mark.parametrize("name", CONFIGS)

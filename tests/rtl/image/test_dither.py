@@ -69,5 +69,4 @@ def test_matches_model(name, gap, rng):
 
 def test_every_replay_of_a_batch_is_the_same(rng):
     config = SHAPES["similarity"]
-    events = random_replay(config, rng, 20)
-    check(config, [events] * 4, [0] * 80)
+    check(config, [random_replay(config, rng, 20)] * 4, [0] * 80)

@@ -21,9 +21,8 @@ from support.values import edge_integers, tensor
 class Rounds(wiring.Component):
     def __init__(self, config, event=None):
         self.evaluators, self.image = Evaluators(config, event), image_of(config)(config, in_flight=9)
-        names = ("i", "centre", "distance", "level")
         super().__init__(
-            {name: self.evaluators.signature.members[name] for name in names}
+            {name: self.evaluators.signature.members[name] for name in ("i", "centre", "distance", "level")}
             | {"next": In(1), "complete": Out(1), "squares": Out(payloads.squares(config))}
             | {"o": self.image.signature.members["sums"]}
         )

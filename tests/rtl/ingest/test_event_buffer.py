@@ -72,8 +72,7 @@ def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0, **chang
         assert (recording.watch["stored.count"][end], recording.watch[surplus][end]) == (stored, lost)
         assert not thin or sum(recording.watch["stored.halved"][begin:end]) == halvings
         begin = end
-    wanted = [start + block.latency + k for start, count in replays for k in range(count)]
-    assert recording.cycles() == wanted
+    assert recording.cycles() == [start + block.latency + k for start, count in replays for k in range(count)]
     assert not overlaps or buffers == 2
     recording.overlaps = overlaps
     return recording
@@ -132,8 +131,7 @@ def test_one_buffer_is_filled_while_the_other_is_replayed(depth):
 def test_counters_follow_the_filling(rng):
     """During a replay the counters are those of the buffer that is being filled, in every cycle."""
     block = EventBuffer(Config(buffer_events=3, buffers=2, max_batch_events=1000))
-    event = random_value(block.i.payload.shape(), rng)
-    push = {"i.valid": 1, "i.payload": event}
+    push = {"i.valid": 1, "i.payload": random_value(block.i.payload.shape(), rng)}
     script = [{"clear": 1}, push, push, {"take": 1}, {"clear": 1, "replay": 1}, *[push] * 5, {}]
     watch = play(block, script, watch=("stored.count", "stored.overflow")).watch
     assert watch["stored.count"] == [0, 0, 1, 2, 2, 0, 1, 2, 3, 3, 3]

@@ -46,8 +46,7 @@ def check(config, batches, probability=0.0, seed=0):
     for (t, *_), end, model in zip(batches, ends, results, strict=True):
         got = {name: recording.watch[f"measured.{name}"][end] for name in COUNTERS}
         if len(t):
-            wanted = {name: model.counts[name] for name in COUNTERS[:4]} | {"t_first": t[0]}
-            assert got == wanted
+            assert got == {name: model.counts[name] for name in COUNTERS[:4]} | {"t_first": t[0]}
             assert model.counts["events"] == len(model.t) + got["outside"] + got["time_back"] + got["time_span"]
         else:
             assert [got[name] for name in COUNTERS[:4]] == [0, 0, 0, 0]

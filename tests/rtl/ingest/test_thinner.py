@@ -14,8 +14,7 @@ CONFIG = Config(buffer_events=300, max_batch_events=5000)
 
 
 def block_of():
-    event = payloads.roi_event(CONFIG)
-    return Thinner(event, most_stored=CONFIG.buffer_events, most_events=CONFIG.max_batch_events)
+    return Thinner(payloads.roi_event(CONFIG), most_stored=CONFIG.buffer_events, most_events=CONFIG.max_batch_events)
 
 
 def check(batches, *, probability=0.0, seed=0):
@@ -61,8 +60,7 @@ def check(batches, *, probability=0.0, seed=0):
 def test_one_event_in_so_many(thinning, gap):
     """The first passes, then every ``thinning``-th; each batch begins anew, wherever the one before ended."""
     counts = [1, thinning, thinning + 1, 2 * thinning - 1, 2 * thinning, 3, 2 * thinning + 1]
-    factors = check([(count, thinning, 0) for count in counts], probability=GAPS[gap])
-    assert set(factors) == {thinning}
+    assert set(check([(count, thinning, 0) for count in counts], probability=GAPS[gap])) == {thinning}
 
 
 def test_every_factor():

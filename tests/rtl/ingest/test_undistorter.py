@@ -98,8 +98,7 @@ def test_any_table_the_largest_numbers_too(name, rng, monkeypatch):
 def test_without_a_camera_nothing_moves_whatever_the_table_holds(name, rng):
     config = SHAPES[name]
     events, frac = anywhere(config, rng), config.undistortion_frac
-    table = node_table(config, lens_of(config))
-    assert through(config, rng, events, 0.3, scripted(config, table), enable=0) == [
+    assert through(config, rng, events, 0.3, scripted(config, node_table(config, lens_of(config))), enable=0) == [
         (x << frac, y << frac) for x, y in events
     ]
     for lens in ((), (100.0, 90.0, 3.0, 4.0) + (0.0,) * 5):  # none; one without distortion

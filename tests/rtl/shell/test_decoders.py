@@ -84,8 +84,7 @@ def any_beats(rng, count, form=None):
 @pytest.mark.parametrize("form", FORMATS)
 def test_events(form, flow, rng):
     events = some_events(rng, 150)
-    beats = to_beats(encode(events, form))
-    _, tokens, counts = check(form, beats, flow, rng)
+    _, tokens, counts = check(form, to_beats(encode(events, form)), flow, rng)
     mask = (1 << CONFIG.time_bits) - 1
     assert [(k.t, k.x, k.y) for k in tokens if k.event] == list(
         zip((events.t & mask).tolist(), events.x.tolist(), events.y.tolist(), strict=True)

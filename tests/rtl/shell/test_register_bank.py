@@ -89,8 +89,7 @@ async def test_flags_and_sticky_bits_in_every_collision(access):
     ):
         await access.cycle(write=(0, 2 | go), clear=0)
         await access.cycle(set=happened)
-        before = await access.read(0)
-        assert before & 3 == go | happened << 1
+        assert (await access.read(0)) & 3 == go | happened << 1
         await access.cycle(write=None if new is None else (0, new), strobe=strobe, set=set_, clear=clear)
         written = new if new is not None and strobe & 1 else None
         wanted_go = (0 if clear else go) if written is None else written & 1

@@ -80,8 +80,7 @@ def carried(count, rng):
         crop = sliding.crop
         flags = sliding._move(t, unit, cold)
         moves.append((cold, sliding.core.v, since, crop))
-        image = sliding._whole(sliding._corner)[0]
-        wanted.append((image, sliding._next_crop, Flag.ROI_CLAMPED in flags))
+        wanted.append((sliding._whole(sliding._corner)[0], sliding._next_crop, Flag.ROI_CLAMPED in flags))
         sliding.crop = sliding._next_crop
     block, found = roi_carrier.RoiCarrier(QUAD), []
 

@@ -184,8 +184,7 @@ async def test_a_request_that_comes_again_is_answered_and_not_carried_out(host):
 async def test_what_does_not_fit_is_refused_whole_and_fits_later(host, rng):
     host.taking = False
     frames = [rng.integers(0, 1 << 32, 10).tolist() for _ in range(6)]
-    statuses = [await host.events(words, True) for words in frames]
-    assert statuses == [link.DONE] * 5 + [link.BUSY]
+    assert [await host.events(words, True) for words in frames] == [link.DONE] * 5 + [link.BUSY]
     waiting = await host.read(link.BASE + link.REGISTERS["LINK_WAITING"].offset)
     assert waiting & 0xFFFF == 5 * 12 - 2  # and a beat is on its way
     host.taking = True
@@ -235,8 +234,7 @@ async def test_packets_and_replies_share_the_line(host, rng):
     await host.rest(20)
     assert await host.read(0x08) == 0xAB000002
     await host.rest(3000)
-    sizes = [len(packet) // 8 for packet in host.packets]
-    assert sizes == [3, link.FRAME_BEATS, link.FRAME_BEATS, 3]
+    assert [len(packet) // 8 for packet in host.packets] == [3, link.FRAME_BEATS, link.FRAME_BEATS, 3]
     assert [packet[-1] for packet in host.packets] == [1, 0, 0, 1]
     got = b"".join(packet[:-1] for packet in host.packets)
     assert np.frombuffer(got, "<u8").tolist() == beats[:3] + beats

@@ -113,8 +113,7 @@ async def settings_take_effect_at_the_next_batch(dut):
     """Written while a batch is taken in: it keeps its settings, the next one has the new ones."""
     ends = BatchEnds(events=80, by_tlast=False)
     board, expected, settings = await begin(dut, form="PACKED", ends=ends)
-    events = moving_events(CONFIG, 400, 9)
-    words = encode(events, "PACKED")
+    words = encode(moving_events(CONFIG, 400, 9), "PACKED")
     batches, _ = expected.receive(to_beats(words), "PACKED", ends)
 
     async def half(batch):
@@ -187,8 +186,7 @@ async def one_batch_at_a_time(dut):
         assert await board.read("ISR", "DONE") == 1 and await board.read("ISR", "READY") == 1
         wanted = expected.result(batches[k], settings)
         if k == 2:
-            kept = await board.result_registers()
-            assert kept["batch"] == 2  # held
+            assert (await board.result_registers())["batch"] == 2  # held
             assert await board.read("COUNT_RESULTS_HELD_BACK") == 1
             await board.write("RESULT_HOLD", HOLD=0)
         else:

@@ -139,8 +139,7 @@ def test_strides_at_their_limits(buffers, rng):
         events = np.cumsum(rng.integers(0, 40, n)), *rng.integers(64, size=(2, n))
         rtl = run_both(core, model, events, replace(settings, roi=(0, 0) if n % 2 else None))
         if rtl.iterations and n >= core.core.shortest_batch:
-            wanted = core.core.cycles(events=n, roi_events=rtl.roi_events, iterations=model.plan)
-            assert rtl.cycles == wanted
+            assert rtl.cycles == core.core.cycles(events=n, roi_events=rtl.roi_events, iterations=model.plan)
             strides = [round(rtl.roi_events / count) for count in used_events(model.plan, rtl.roi_events)]
             assert max(strides) == (1 if n < 256 else 2 if n < 512 else 4)
     core.close()
