@@ -24,16 +24,12 @@ def sites_of(module):
     return {name: (int(at[1:].split("/")[0]), at.split("/")[1], at.split("/")[2]) for name, at in found.items() if at}
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        banks(),
-        banks(slices=[f".ram_{bit}" for bit in range(0, 56, 4)]),
-        banks([f"image.image_{k}." for k in range(4)], parts=3),
-        banks([f"image$309.image_{k}." for k in range(4)], parts=4),
-    ],
-    ids=["one RAM a bank", "deep banks", "four images", "four wide images"],
-)
+@pytest.mark.parametrize("names", [
+    banks(),
+    banks(slices=[f".ram_{bit}" for bit in range(0, 56, 4)]),
+    banks([f"image.image_{k}." for k in range(4)], parts=3),
+    banks([f"image$309.image_{k}." for k in range(4)], parts=4),
+], ids=["one RAM a bank", "deep banks", "four images", "four wide images"])  # fmt: skip
 def test_a_banks_rams_lie_side_by_side(names):
     """Half of the banks in each of two rows, no two on a site, and between a bank's first and last no other bank's."""
     module = module_of(*names)
@@ -58,16 +54,12 @@ def test_the_tag_lies_in_the_middle():
         assert [int(name.split("_")[-1].split(".")[0]) for name in row] == [0, 4, 48, 8, 12]
 
 
-@pytest.mark.parametrize(
-    "module, device",
-    [
-        (module_of(*banks()), "LFE5U-25F"),
-        (module_of(*banks(), kind="TRELLIS_FF"), "LFE5U-85F"),
-        (module_of("event_buffer.events.0.0", "x.bank_0.ram.0.0"), "LFE5U-85F"),
-        (module_of(*banks(parts=26)), "LFE5U-85F"),
-    ],
-    ids=["another device", "no RAM", "other RAMs", "too many"],
-)
+@pytest.mark.parametrize("module, device", [
+    (module_of(*banks()), "LFE5U-25F"),
+    (module_of(*banks(), kind="TRELLIS_FF"), "LFE5U-85F"),
+    (module_of("event_buffer.events.0.0", "x.bank_0.ram.0.0"), "LFE5U-85F"),
+    (module_of(*banks(parts=26)), "LFE5U-85F"),
+], ids=["another device", "no RAM", "other RAMs", "too many"])  # fmt: skip
 def test_what_stays_as_it_was(module, device):
     lay(module, device)
     assert not sites_of(module)

@@ -166,14 +166,11 @@ def test_factors_that_wait_otherwise_do_so_themselves(why):
     assert module["cells"]["it"]["connections"]["P0"] == [31] and not any("behind" in name for name in module["cells"])
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        packable("DP16KD"), packable(sinks=[("lut", 10)]), packable(CEMUX="CE", CE=4), packable(CLKMUX="INV"),
-        packable(REGSET="SET"), packable(SRMODE="ASYNC"), packable(LSR=4), packable(LSR="0"), packable(CLK=5),
-        packable(DI=9, M=11), {**packable(), "ports": {"o": {"bits": [10]}}},
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("module", [
+    packable("DP16KD"), packable(sinks=[("lut", 10)]), packable(CEMUX="CE", CE=4), packable(CLKMUX="INV"),
+    packable(REGSET="SET"), packable(SRMODE="ASYNC"), packable(LSR=4), packable(LSR="0"), packable(CLK=5),
+    packable(DI=9, M=11), {**packable(), "ports": {"o": {"bits": [10]}}},
+])  # fmt: skip
 def test_what_a_register_inside_cannot_do_stays_outside(module):
     """A RAM's reset, another reader, an enable, another edge, a start at one, two resets, two clocks, another pin."""
     before = json.dumps(module)

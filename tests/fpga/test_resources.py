@@ -173,22 +173,19 @@ def _stat(**cells):
 TEXT = f"module {TOP}(clk);\n  {TOP}_warp warp (\n  );\nendmodule\n"
 
 
-@pytest.mark.parametrize(
-    "stat, message",
-    [
-        ([], "the statistics of yosys have no modules"),
-        ({"modules": {}}, "the statistics of yosys have no modules"),
-        ({"modules": {"other": _stat(INV=1)["design"]}}, f"the statistics of yosys have no {TOP}"),
-        ({"modules": {TOP: {"num_cells": 1}}}, "no num_cells_by_type"),
-        ({"modules": {TOP: {"num_cells_by_type": {"DSP48E2": "2"}}}}, "no num_cells_by_type"),
-        ({"modules": {TOP: {"num_cells_by_type": {"DSP48E2": -2}}}}, "no num_cells_by_type"),
-        ({"modules": {TOP: {"num_cells_by_type": {"DSP48E2": 2}, "num_cells": 3}}}, "do not add up"),
-        (_stat(DSP48E9=2), "2 × DSP48E9 for xcup: no known resource"),
-        (_stat(**{"$_DLATCH_P_": 1}), r"1 × \$_DLATCH_P_ for xcup: no known resource"),
-        (_stat(**{"$mul": 1}), r"1 × \$mul for xcup: no known resource"),
-        (_stat(DSP48E2=2), f"the statistics of yosys have no {TOP}_warp"),
-    ],
-)
+@pytest.mark.parametrize("stat, message", [
+    ([], "the statistics of yosys have no modules"),
+    ({"modules": {}}, "the statistics of yosys have no modules"),
+    ({"modules": {"other": _stat(INV=1)["design"]}}, f"the statistics of yosys have no {TOP}"),
+    ({"modules": {TOP: {"num_cells": 1}}}, "no num_cells_by_type"),
+    ({"modules": {TOP: {"num_cells_by_type": {"DSP48E2": "2"}}}}, "no num_cells_by_type"),
+    ({"modules": {TOP: {"num_cells_by_type": {"DSP48E2": -2}}}}, "no num_cells_by_type"),
+    ({"modules": {TOP: {"num_cells_by_type": {"DSP48E2": 2}, "num_cells": 3}}}, "do not add up"),
+    (_stat(DSP48E9=2), "2 × DSP48E9 for xcup: no known resource"),
+    (_stat(**{"$_DLATCH_P_": 1}), r"1 × \$_DLATCH_P_ for xcup: no known resource"),
+    (_stat(**{"$mul": 1}), r"1 × \$mul for xcup: no known resource"),
+    (_stat(DSP48E2=2), f"the statistics of yosys have no {TOP}_warp"),
+])  # fmt: skip
 def test_broken_statistics(says, stat, message):
     says(stat)
     with pytest.raises(resources.EstimateError, match=message):

@@ -94,20 +94,17 @@ def test_gradient_equals_autograd(width, height, level, rng):
         torch.testing.assert_close(it.contrast, c.detach(), rtol=1e-12, atol=0)
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "expected"),
-    [
-        (1.25, 1.0, {(1, 1): 0.75, (2, 1): 0.25}),
-        (-0.25, 1.5, {(0, 1): 0.375, (0, 2): 0.375}),  # left corners outside
-        (2.75, 0.0, {(2, 0): 0.25}),  # right ones
-        (-0.5, -0.5, {(0, 0): 0.25}),  # three
-        (2.5, 3.5, {(2, 3): 0.25}),
-        (-1.0, 1.0, {}),
-        (3.0, 1.0, {}),
-        (1.0, 4.0, {}),
-        (1e300, -1e300, {}),
-    ],
-)
+@pytest.mark.parametrize(("x", "y", "expected"), [
+    (1.25, 1.0, {(1, 1): 0.75, (2, 1): 0.25}),
+    (-0.25, 1.5, {(0, 1): 0.375, (0, 2): 0.375}),  # left corners outside
+    (2.75, 0.0, {(2, 0): 0.25}),  # right ones
+    (-0.5, -0.5, {(0, 0): 0.25}),  # three
+    (2.5, 3.5, {(2, 3): 0.25}),
+    (-1.0, 1.0, {}),
+    (3.0, 1.0, {}),
+    (1.0, 4.0, {}),
+    (1e300, -1e300, {}),
+])  # fmt: skip
 def test_corners_outside_are_dropped_alone(x, y, expected):
     image = floating.iwe([x], [y], 3, 4)
     assert image.shape == (4, 3)

@@ -164,17 +164,13 @@ def slow_engine(config, line):
     return engine
 
 
-@pytest.mark.parametrize(
-    "lines, message",
-    [
-        ("exit 1", "fails with status 1: it does not say why"),
-        ("echo no license >&2; exit 3", "fails with status 3: no license"),
-        ('[ "$2" = --version ] && exit; echo in file; echo an Error here; echo more; exit 1',
-         "fails with status 1: an Error here"),
-        ("chmod -x \"$0\"", "cannot be run: Permission denied"),
-    ],
-    ids=["silent", "version", "compiling", "not run"],
-)  # fmt: skip
+@pytest.mark.parametrize("lines, message", [
+    ("exit 1", "fails with status 1: it does not say why"),
+    ("echo no license >&2; exit 3", "fails with status 3: no license"),
+    ('[ "$2" = --version ] && exit; echo in file; echo an Error here; echo more; exit 1',
+     "fails with status 1: an Error here"),
+    ("chmod -x \"$0\"", "cannot be run: Permission denied"),
+], ids=["silent", "version", "compiling", "not run"])  # fmt: skip
 def test_a_compiler_that_fails(cxx, lines, message, rng):
     engine = slow_engine(CONFIG.replace(buffer_events=34), f"the C++ compiler {cxx(lines)} {message}")
     assert engine.run(make_events(rng, 10), settings((8, 8)))[0].events == 10

@@ -58,15 +58,12 @@ def test_tops(make, top, name, waivers, tmp_path):
     assert verilator_lint(text, tmp_path, top=top) == (0, set())
 
 
-@pytest.mark.parametrize(
-    "line, warning",
-    {
-        "wire [3:0] cut_off = settings_eta;": "WIDTHTRUNC",
-        "wire undriven; assign event_ready = undriven;": "UNDRIVEN",
-        "reg stays; always @* if (rst) stays = clk;": "LATCH",
-        "assign result_valid = rst;": "MULTIDRIVEN",
-    }.items(),
-)
+@pytest.mark.parametrize("line, warning", {
+    "wire [3:0] cut_off = settings_eta;": "WIDTHTRUNC",
+    "wire undriven; assign event_ready = undriven;": "UNDRIVEN",
+    "reg stays; always @* if (rst) stays = clk;": "LATCH",
+    "assign result_valid = rst;": "MULTIDRIVEN",
+}.items())  # fmt: skip
 def test_other_warnings_are_not_waived(line, warning, waivers, tmp_path):
     _, text = emitted(CONFIGS["default"])
     _, warnings = verilator_lint(text.replace("endmodule", f"  {line}\nendmodule", 1), tmp_path, "-Wall", waivers)

@@ -77,16 +77,13 @@ def test_nothing_probed_is_no_curvature_and_no_doubt(rng):
     assert watched["doubtful"][-2:] == [1, 0] and [one["least"] for one in watched["curvature"][-2:]] == [-5, 0]
 
 
-@pytest.mark.parametrize(
-    "old, new",
-    [
-        ("difference <= 0", "difference < 0"), ("first_s1 | (fall", "(fall"), ("fall_s1 < least", "fall_s1 > least"),
-        ("Mux(above, last - probed", "Mux(~above, last - probed"), ("least * by_n", "least"),
-        ("self.squares * by_limit", "self.squares"), ("left - right", "left"), ("factors[-1] << 1", "factors[-1]"),
-        ("came.eq(0)", "came.eq(1)"), ("len(names) - 1", "len(names) - 2"), ("_factor_bits + 1,", "_factor_bits,"),
-        ("Mux(start, 0, (difference << 1) + addend)", "(difference << 1) + addend"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("old, new", [
+    ("difference <= 0", "difference < 0"), ("first_s1 | (fall", "(fall"), ("fall_s1 < least", "fall_s1 > least"),
+    ("Mux(above, last - probed", "Mux(~above, last - probed"), ("least * by_n", "least"),
+    ("self.squares * by_limit", "self.squares"), ("left - right", "left"), ("factors[-1] << 1", "factors[-1]"),
+    ("came.eq(0)", "came.eq(1)"), ("len(names) - 1", "len(names) - 2"), ("_factor_bits + 1,", "_factor_bits,"),
+    ("Mux(start, 0, (difference << 1) + addend)", "(difference << 1) + addend"),
+])  # fmt: skip
 def test_another_judge_would_be_noticed(old, new, monkeypatch, rng):
     break_blocks(monkeypatch, probe, old, new)
     with pytest.raises(AssertionError):

@@ -53,14 +53,11 @@ def test_the_last_iteration_is_kept(rng):
     assert recording.watch["last"][1:6] == [sums[0], *[sums[1]] * 4] and not any(recording.watch["last"][6].values())
 
 
-@pytest.mark.parametrize(
-    "old, new",
-    [
-        ("turn[:-1].any()", "turn[:-2].any()"), ("3 << (", "2 << ("), ("turn << 1", "turn << 2"),
-        ("self.complete & turn.any()", "self.complete & turn[:3].any()"), ("& turn.any()", "& 1"),
-        ("Mux(v[-1], distance", "Mux(~v[-1], distance"), ("Mux(turn[k],", "Mux(turn[0],"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("old, new", [
+    ("turn[:-1].any()", "turn[:-2].any()"), ("3 << (", "2 << ("), ("turn << 1", "turn << 2"),
+    ("self.complete & turn.any()", "self.complete & turn[:3].any()"), ("& turn.any()", "& 1"),
+    ("Mux(v[-1], distance", "Mux(~v[-1], distance"), ("Mux(turn[k],", "Mux(turn[0],"),
+])  # fmt: skip
 def test_another_probe_would_be_noticed(old, new, monkeypatch, rng):
     break_blocks(monkeypatch, probe, old, new)
     with pytest.raises(AssertionError):

@@ -64,20 +64,17 @@ def test_the_verdict_is_the_models(name, rng):
     assert 0.2 < np.mean(wanted) < 0.8 and decided(config, many) == wanted
 
 
-@pytest.mark.parametrize(
-    "old, new",
-    [
-        ('kept["yy"], by_n, 0', 'kept["xx"], by_n, 0'), ('kept["cross"], by_n', 'kept["xx"], by_n'),
-        ("total << 2", "total << 1"), ("Cat(total[-1], a[-1] | ~a_some)", "total[-1]"),
-        ("Cat(total[-1], a[-1] | ~a_some)", "a[-1] | ~a_some"),
-        ("(b_low, b_low, 1, SUM)", "(b_low, b_low, 0, SUM)"), ("(a_low, c_high, 0, SUM)", "(a_low, c_low, 0, SUM)"),
-        ("(a_low, c_low, 0, SHIFTED)", "(a_low, c_low, 0, SUM)"),
-        ("pixels - total", "pixels"),
-        ("due & ~(fills[by] | full(contrast, by))", "due & ~fills[by]"),
-        ("due & ~(fills[by] | full(contrast, by))", "due & ~full(contrast, by)"),
-        ("known.eq(full(curvatures, by, moved))", "known.eq(full(curvatures, by))"), ("value << by", "value << 1"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("old, new", [
+    ('kept["yy"], by_n, 0', 'kept["xx"], by_n, 0'), ('kept["cross"], by_n', 'kept["xx"], by_n'),
+    ("total << 2", "total << 1"), ("Cat(total[-1], a[-1] | ~a_some)", "total[-1]"),
+    ("Cat(total[-1], a[-1] | ~a_some)", "a[-1] | ~a_some"),
+    ("(b_low, b_low, 1, SUM)", "(b_low, b_low, 0, SUM)"), ("(a_low, c_high, 0, SUM)", "(a_low, c_low, 0, SUM)"),
+    ("(a_low, c_low, 0, SHIFTED)", "(a_low, c_low, 0, SUM)"),
+    ("pixels - total", "pixels"),
+    ("due & ~(fills[by] | full(contrast, by))", "due & ~fills[by]"),
+    ("due & ~(fills[by] | full(contrast, by))", "due & ~full(contrast, by)"),
+    ("known.eq(full(curvatures, by, moved))", "known.eq(full(curvatures, by))"), ("value << by", "value << 1"),
+])  # fmt: skip
 def test_another_verdict_would_be_noticed(old, new, rng, monkeypatch):
     break_blocks(monkeypatch, verdict, old, new)
     many = list(cases(CONFIG, rng, 300))
