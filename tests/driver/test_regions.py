@@ -54,7 +54,7 @@ def stalled(top, rng, done):
     top.limit()
 
 
-def write_row(accelerator, number, *, fresh=1, **changes):
+def write_row(accelerator, number, **changes):
     """A row by its registers: the first of :data:`TABLE`, with other values."""
     values = {
         "ROW_PLACE": {"X": 4, "Y": 4}, "ROW_BEGIN": {"X": 2, "Y": 1}, "ROW_END": {"X": 14, "Y": 11},
@@ -63,7 +63,7 @@ def write_row(accelerator, number, *, fresh=1, **changes):
     }  # fmt: skip
     for name, fields in values.items():
         accelerator.control.write(name, **{**fields, **changes.get(name, {})})
-    accelerator.control.write("ROW_WRITE", NUMBER=number, FRESH=fresh)
+    accelerator.control.write("ROW_WRITE", NUMBER=number, FRESH=1)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -107,34 +107,6 @@ def test_batches_back_to_back_under_stalls(accelerator, top, seed):
         assert count[name] == sum(getattr(region, name) for region in regions)
     assert count["degenerate"] == sum(Flag.DEGENERATE in region.flags for region in regions)
     assert count["longest_batch"] == max(region.cycles for region in regions)
-
-
-BAD = {  # number, other values of the row; how many rows were written before
-    "beyond the sensor": (1, {"ROW_PLACE": {"X": CONFIG.sensor_width}}),
-    "more bits than there are": (1, {"ROW_PLACE": {"X": 1 << 15}}),
-    "beyond the image": (1, {"ROW_END": {"Y": CONFIG.roi_height + 1}}),
-    "no such start": (1, {"ROW_HOW": {"START": 3}}),
-    "its own parent": (1, {"ROW_HOW": {"START": 2, "PARENT": 1}}),
-    "a parent behind it": (0, {"ROW_HOW": {"START": 2, "PARENT": 3}}),
-    "a gap in the table": (4, {}), "no such row": (5, {}), "not fresh, and not known": (2, {"fresh": 0}),
-    "beyond the schedules": (1, {"ROW_COLD": {"FIRST": CONFIG.schedule_entries}}),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_a_bad_row_is_refused_and_counted(accelerator, rng, name):
-    """The table stays as it was, and so do the next batch's outcomes."""
-    model, chosen = model_of(CONFIG), random_settings(CONFIG, rng)
-    accelerator.write_regions(TABLE[:2]), model.write(TABLE[:2])
-    for k in range(2):
-        window = clouds(rng, 100, 2000 * k)
-        same(accelerator.run(events_of(window), settings=chosen), model.run(*window, chosen))
-        if not k:
-            number, changes = BAD[name]
-            write_row(accelerator, number, **changes)
-            assert accelerator.control.read("TABLES") == {"PENDING": 0, "ROWS_MISSING": 0, "REFUSED": 1}
-            accelerator.clear_counters()
-            assert accelerator.control.read("TABLES")["REFUSED"] == 0
 
 
 def test_a_row_that_is_written_in_a_batch_waits_for_its_end(accelerator, top, rng):

@@ -193,28 +193,6 @@ def test_only_float64_is_accepted():
     assert float(x) == 3 - 0.1 * 0.3  # Python numbers never pass through float32
 
 
-def moving_points(rng, v, points=12, per_point=15):
-    """Points that stand on pixels of a 40 × 32 ROI at t_ref and move at ``v``: events (x, y, dt) between pixels."""
-    at = np.stack((rng.permutation(np.arange(8, 32))[:points], rng.permutation(np.arange(8, 24))[:points]))
-    t = np.sort(rng.integers(0, 50_000, points * per_point))
-    dt = floating.scaled_times(t, t[0], t[-1]).numpy()
-    position = at[:, rng.integers(points, size=len(t))]
-    return position[0] + dt * v[0], position[1] + dt * v[1], dt
-
-
-@pytest.mark.parametrize("truth", [(3.0, -2.0), (-5.5, 0.75), (0.0, 4.0)])
-def test_ascent_finds_the_motion(truth, rng):
-    x, y, dt = moving_points(rng, truth)
-    start = np.add(truth, (0.4, -0.3))
-    trace = ascend(x, y, dt, width=40, height=32, v_start=start, eta=0.02, iterations=100)
-    assert trace.v.shape == (101, 2) and trace.contrast.shape == (100,) and trace.gradient.shape == (100, 2)
-    assert trace.v[0].tolist() == start.tolist()
-    assert float(trace.contrast[-1]) > 1.5 * float(trace.contrast[0])
-    # At the truth C has a cusp, around which a constant step swings by up to η·|∇C|.
-    swing = 0.02 * float(trace.gradient.abs().max())
-    assert float((trace.v[-1] - torch.tensor(truth)).abs().max()) < swing + 1e-6
-
-
 def test_ascent_repeats_evaluate(rng):
     x, y, dt = random_events(rng, 12, 9, 40)
     trace = ascend(x, y, dt, width=12, height=9, v_start=(0.5, 0.25), eta=0.75, iterations=6)

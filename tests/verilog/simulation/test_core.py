@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from studies.crosscheck.batches import PATTERNS, random_events, random_schedules, random_settings
+from studies.crosscheck.batches import PATTERNS, random_events, random_settings
 from studies.crosscheck.compare import compare_stream
 
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import Round, ScheduleEntry, used_events
-from cmfpga.engines.model import FloatEngine
-from cmfpga.events import Events
 from cmfpga.protocol.flags import OF_CONFIDENCE, Flag
 from cmfpga.protocol.results import COUNTS
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
@@ -145,41 +143,6 @@ def test_strides_at_their_limits(buffers, rng):
     core.close()
 
 
-@pytest.mark.parametrize("depth, buffers", [(7, 2), (255, 1), (256, 2)])  # other depths: tests/rtl/ingest
-def test_a_full_buffer_thins_out_evenly(depth, buffers, rng):
-    """Nothing overflows from the first batch on, up to ten times the buffer, with sudden growth, back to back."""
-    config = preset("fast").replace(
-        sensor_width=30, sensor_height=20, roi_width=16, roi_height=16, buffer_events=depth, buffers=buffers
-    )
-    core, model = VerilatedCore(config), IntegerCore(config)
-    floating = FloatEngine(config)
-    sizes = [10 * depth, 1, 3, depth, depth + 1, 8 * depth, *rng.integers(1, 10 * depth + 1, 30).tolist()]
-    batches, rows, expected = [], [], []
-    for number, n in enumerate(sizes):
-        chosen = {"thinning": int(rng.integers(1, 4)), "thin_target": int(rng.choice([0, 0, depth // 2]))}
-        settings = replace(BatchSettings.from_config(config, (7, 2) if number % 3 == 0 else None), **chosen)
-        outside = int(rng.integers(20))
-        x = np.concatenate([rng.integers(7, 23, n), np.zeros(outside, int)])
-        y = np.concatenate([rng.integers(2, 18, n), np.zeros(outside, int)])
-        order, t = rng.permutation(len(x)), np.cumsum(rng.integers(0, 9, len(x)))
-        batches.append((t, x[order], y[order]))
-        rows.append(settings_values(config, replace(settings, roi_gain=0)))
-        expected.append(model.run(*batches[-1], replace(settings, roi_gain=0)))
-        same = floating.run(Events(*batches[-1], np.zeros(len(x))), replace(settings, roi_gain=0))[0]
-        for name in ("roi_events", "thinned", "overflow", "thinning_used"):
-            assert getattr(same, name) == getattr(expected[-1], name)
-    core.write_schedule(schedule_table(config, settings))
-    results, traces, _ = core.play(batches, rows)
-    found = [to_batch_result(config, [values], [trace]) for values, trace in zip(results, traces, strict=True)]
-    for n, (t, *_), rtl, wanted in zip(sizes, batches, found, expected, strict=True):
-        assert replace(rtl, cycles=None) == wanted
-        assert rtl.overflow == 0 and rtl.roi_events == -(-n // rtl.thinning_used) <= depth
-        assert rtl.thinned == n - rtl.roi_events and rtl.events == len(t)
-        assert (Flag.THINNED in rtl.flags) == bool(rtl.thinned) and Flag.OVERFLOW not in rtl.flags
-    assert found[0].thinned
-    core.close()
-
-
 def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
     config = CONFIGS["similarity"]
     core, model = VerilatedCore(config), IntegerCore(config)
@@ -218,22 +181,4 @@ def test_a_schedule_as_long_as_the_table(rng):
         settings = replace(BatchSettings.from_config(config, (0, 0)), cold=(Round(0, 4, 0.125),) * count, warm=())
         events = np.arange(12) * 9, *rng.integers(2, size=(2, 12))
         assert run_both(core, model, events, settings).iterations == count
-    core.close()
-
-
-def test_more_iterations_than_there_are_tags(rng):
-    """Tags come back after 2^tag_bits − 1 rounds: 700 rounds with 5-bit tags, without a reset."""
-    config = CONFIGS["fast, odd sizes"].replace(cold="0:1:1", warm="0:1:1")
-    assert config.tag_bits == 5
-    core, model = VerilatedCore(config), IntegerCore(config)
-    iterations = 0
-    while iterations < 700:
-        roi = (int(rng.integers(200)), int(rng.integers(150))) if rng.random() < 0.3 else None
-        settings = BatchSettings.from_config(config, roi)
-        settings = replace(settings, **{name: plan * 25 for name, plan in random_schedules(config, rng).items()})
-        settings = replace(settings, cold=settings.cold[:120], warm=settings.warm[:120])
-        x, y = PATTERNS["random_everywhere" if roi is None else "repeats_at_distances_1_to_5"](
-            config, rng, roi or (0, 0)
-        )
-        iterations += run_both(core, model, (np.cumsum(rng.integers(0, 50, len(x))), x, y), settings).iterations
     core.close()
