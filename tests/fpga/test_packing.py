@@ -68,13 +68,8 @@ def test_registers_with_an_enable_are_packed(kind, pin):
 
 def waiting(other=None, **changes):
     """A multiplier, one factor of which comes through two registers in a row; ``other`` reads the second."""
-    register = {"CEMUX": "CE", "CLKMUX": "CLK", "REGSET": "RESET"}
-    cells = {
-        "it": cell("MULT18X18D", A0=11, A1="0", B0=12, P0=30),
-        "first": cell("TRELLIS_FF", register, CLK=2, CE=4, DI=9, Q=10),
-        "second": cell("TRELLIS_FF", register | changes, CLK=2, CE=4, DI=10, Q=11),
-        "lut": cell("LUT4", A=8, Z=12),
-    }
+    cells = {"it": cell("MULT18X18D", A0=11, A1="0", B0=12, P0=30), "lut": cell("LUT4", A=8, Z=12)}
+    cells |= {"first": register(9, 10), "second": register(10, 11, **changes)}
     if other:
         cells["other"] = cell("LUT4", A=other, Z=40)
     return {"ports": {"o": {"bits": [30, 40]}}, "cells": cells}
@@ -122,7 +117,7 @@ def test_a_factor_from_an_adder_is_packed_where_the_other_is(before, packed):
     module = waiting()
     cells = module["cells"]
     cells["first"] = cell("CCU2C", A0=9, S0=10)
-    cells["lut"] = cell("TRELLIS_FF", cells["second"]["parameters"], CLK=2, CE=4, DI=13, Q=12)
+    cells["lut"] = register(13, 12)
     cells["before"] = cell(before, **{"Q" if before == "TRELLIS_FF" else "Z": 13})
     assert pack_registers(module) == packed
     if packed:
