@@ -6,9 +6,10 @@ import pytest
 from cmfpga.config import Config
 from cmfpga.reference.integer.ascent import gain, updater
 from cmfpga.rtl.ascent.constant import ConstantAscent
-from support.bench import held, play
+from support.ascents import Player
+from support.bench import held
 from support.configs import CONFIGS, ODD
-from support.values import edge_integers, random_g, random_value
+from support.values import edge_integers, random_g
 
 SHAPES = {
     **CONFIGS,
@@ -20,60 +21,24 @@ SHAPES = {
 }
 
 
-def check(config, batches, *, spacing=None, seed=0):
-    """Batches of (start or None to keep v, η, list of (Gx, Gy)); compares v and the flag in every cycle."""
-    rng = np.random.default_rng(seed)
-    block = ConstantAscent(config)
-    script, entered, v, saturated, planned = [], [], (0, 0), False, {0: 0}
-    timeline = {0: (v, saturated)}
-    settings = random_value(block.run.settings.shape(), rng)
-
-    def cycle(**values):
-        # No gradient counts without its strobe; the other settings do not matter.
-        script.append({"i.payload": random_value(block.i.payload.shape(), rng), "run.settings": settings, **values})
-
-    def xy(pair):
-        return dict(zip("xy", pair, strict=True))
-
-    cycle()
-    planned[0] = settings["iterations"]
+def check(config, batches, spacing=0):
+    """Batches of (start or None to keep v, η, list of (Gx, Gy)); v and the flag of every change."""
+    player = Player(ConstantAscent(config), np.random.default_rng(0))
+    planned = {0: player.settings["iterations"]}
     for start, eta, gradients in batches:
-        cycle(**{"run.take": 1})
-        settings = random_value(block.run.settings.shape(), rng) | {"eta": eta, "start_last": int(start is None)}
-        settings |= {} if start is None else {"v_start": xy(start)}
-        saturated = False
-        timeline[len(script)] = v, saturated
-        planned[len(script)] = settings["iterations"]
-        cycle(**{"run.start": 1})
-        if start is not None:
-            v = start
-            timeline[len(script)] = v, saturated
-        cycle()
+        player.begin(start, eta=eta, start_last=int(start is None))
+        planned[len(player.script) - 1] = player.settings["iterations"]
+        player.cycle()
         for g in gradients:
-            entered.append(len(script))
-            cycle(**{"i.valid": 1, "i.payload": xy(g)})
-            steps = [
-                updater(config, axis_v, axis_g, gain=gain(config, eta)) for axis_v, axis_g in zip(v, g, strict=True)
-            ]
-            v = steps[0][0], steps[1][0]
-            saturated |= steps[0][1] or steps[1][1]
-            timeline[entered[-1] + block.latency] = v, saturated
-            for _ in range(block.latency - 1 + (spacing or 0)):
-                cycle()
-        for _ in range(3):
-            cycle()
-
-    watch = ("v", "saturated", "run.updated", "run.planned", "level", "limited")
-    recording = play(block, script, flows=(), watch=watch).watch
-    for number, wanted in enumerate(held(timeline, len(script))):
-        velocity = recording["v"][number]
-        got = (velocity["x"], velocity["y"]), bool(recording["saturated"][number])
-        assert got == wanted, f"cycle {number}"
-    done = [number for number, value in enumerate(recording["run.updated"]) if value]
-    assert done == [number + block.latency for number in entered]
-    assert recording["run.planned"] == list(held(planned, len(script)))
-    assert not any(recording["level"] + recording["limited"])
-    return [v for v, _ in timeline.values()], [saturated for _, saturated in timeline.values()]
+            player.give(g)
+            factor = gain(config, eta)
+            steps = [updater(config, *both, gain=factor) for both in zip(player.v, g, strict=True)]
+            player.step((v for v, _ in steps), any(limited for _, limited in steps))
+            player.cycle(player.block.latency - 1 + spacing)
+        player.cycle(3)
+    watch = player.check("run.planned", "level")
+    assert watch["run.planned"] == list(held(planned, len(player.script))) and not any(watch["level"])
+    return zip(*player.timeline.values(), strict=True)
 
 
 def random_batches(config, rng, count, iterations=12):

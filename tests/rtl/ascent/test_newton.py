@@ -10,10 +10,9 @@ from cmfpga.protocol.settings import table_entry
 from cmfpga.reference.integer.ascent import newton, solve
 from cmfpga.rtl.ascent import newton as module
 from cmfpga.rtl.ascent.newton import NewtonAscent
-from support.bench import held, play
+from support.ascents import Player
 from support.configs import ROUNDS
 from support.mutation import break_blocks
-from support.values import random_value
 
 #: G of few bits that are not 0, and of many.
 SHAPES = {**ROUNDS, "64×64": preset("fast").replace(ascent="newton", evaluators=4)}
@@ -45,56 +44,30 @@ def random_entry(config, rng):
 
 def check(config, rng, count=8, rounds=12):
     """Batches of rounds; v, the curvature and what is flagged, in every cycle. Returns what the model solved."""
-    block, v, fmt = NewtonAscent(config), (0, 0), config.formats.v
-    script, ends, timeline, falls, solved = [], [], {0: ((0, 0), 0)}, {}, []
-    settings = random_value(block.run.settings.shape(), rng)
-    other = np.random.default_rng(1)  # so that the rounds do not depend on how many cycles they take
-
-    def cycle(**values):
-        noise = {"i.payload": random_value(block.i.payload.shape(), other)}
-        script.append(noise | {"run.settings": settings} | values)
-
+    # Noise of its own, so that the rounds do not depend on how many cycles they take.
+    player, fmt = Player(NewtonAscent(config), np.random.default_rng(1)), config.formats.v
+    falls, solved = {}, []
     for _ in range(count):
         plan = [random_entry(config, rng) for _ in range(rounds)]
         for k, entry in enumerate(plan):
             values = dict(zip(("level", "distance", "limit"), table_entry(config, entry), strict=True))
-            cycle(**{"schedule_write.valid": 1, "schedule_write.payload": {"address": k, "entry": values}})
-        cycle(**{"run.take": 1})
+            write = {"address": k, "entry": values}
+            player.cycle(**{"schedule_write.valid": 1, "schedule_write.payload": write})
         start = tuple(int(rng.integers(fmt.min, fmt.max + 1)) >> int(rng.integers(4)) for _ in "xy")
-        part = {"first": 0, "count": rounds}
-        settings = random_value(block.run.settings.shape(), rng) | {"start_last": 0, "cold": part}
-        settings |= {"v_start": dict(zip("xy", start, strict=True))}
-        saturated = False
-        timeline[len(script)] = v, saturated
-        for _ in range(3):
-            cycle()
-        cycle(**{"run.start": 1})
-        v = start
-        timeline[len(script)] = v, saturated
+        player.begin(start, wait=3, start_last=0, cold={"first": 0, "count": rounds})
         for entry in plan:
-            for _ in range(3 + int(rng.integers(8))):
-                cycle()
+            player.cycle(3 + int(rng.integers(8)))
             gradients = random_round(config, rng)
-            for pair in gradients:
-                cycle(**{"i.valid": 1, "i.payload": dict(zip("xy", pair, strict=True))})
-            ends.append(len(script) - 1)
-            falls[len(script)] = curvature(*gradients)
+            player.give(*gradients)
+            falls[len(player.script)] = curvature(*gradients)
             solved.append(solve(config, gradients, entry))
-            v, limited = newton(config, v, gradients, entry)
-            saturated |= limited
-            timeline[ends[-1] + block.latency] = v, saturated
-            for _ in range(block.latency):
-                cycle()
-        cycle()
-        cycle(**{"run.done": 1, "run.degenerate": 0})
-
-    watch = play(block, script, flows=(), watch=("v", "saturated", "run.updated", "curvature", "limited")).watch
-    for number, wanted in enumerate(held(timeline, len(script))):
-        assert (tuple(watch["v"][number].values()), watch["saturated"][number]) == wanted, f"cycle {number}"
-    assert [n for n, value in enumerate(watch["run.updated"]) if value] == [end + block.latency for end in ends]
+            player.step(*newton(config, player.v, gradients, entry))
+            player.cycle(player.block.latency)
+        player.cycle()
+        player.cycle(**{"run.done": 1, "run.degenerate": 0})
+    watch = player.check("curvature")
     for number, right in falls.items():
         assert tuple(watch["curvature"][number].values()) == tuple(right), f"cycle {number}"
-    assert not any(watch["limited"])
     return solved
 
 

@@ -5,94 +5,55 @@ import pytest
 
 from cmfpga.reference.integer.ascent import lesser, sign_updater
 from cmfpga.rtl.ascent.sign import SignAscent
-from support.bench import held, play
+from support.ascents import Player
 from support.configs import SIGNS
-from support.values import edge_integers, random_g, random_value
+from support.values import edge_integers, random_g
 
 
-def check(config, batches, *, spacing=0, seed=0):
+def check(config, batches, spacing=0):
     """Batches of (start or None to keep v, list of (shift, Gx, Gy, …)); compares everything in every cycle.
 
     The table is written before each of them: what counts anywhere in it, cold or warm, and anything in all other words.
     A batch that keeps v is warm, so the one before it was not degenerate; one that does not is cold for one reason of
     three, of which two leave no choice if v was not to be kept.
     """
-    rng = np.random.default_rng(seed)
-    block = SignAscent(config)
-    parameters = config.motion_model.parameters
-    names = [parameter.name for parameter in parameters]
-    script, entered, v, saturated, tracking = [], [], (0,) * len(names), False, False
-    timeline, planned = {0: (v, saturated)}, {}
-    settings = random_value(block.run.settings.shape(), rng)
-    entries = config.schedule_entries
-
-    def cycle(**values):
-        # No gradient counts without its strobe.
-        noise = {"i.payload": random_value(block.i.payload.shape(), rng)}
-        script.append(noise | {"run.settings": settings} | values)
-
-    def xy(numbers):
-        return dict(zip(names, numbers, strict=True))
-
-    def part(first, count):
-        return {"first": first, "count": count}
-
+    rng = np.random.default_rng(0)
+    player, parameters, entries = (
+        Player(SignAscent(config), rng),
+        config.motion_model.parameters,
+        config.schedule_entries,
+    )
+    planned, tracking = {}, False
     for start, steps in batches:
         assert len(steps) <= entries
         first = int(rng.integers(entries))
         for k, (shift, *_) in enumerate(steps):
             entry = {"level": int(rng.integers(config.max_level + 1)), "shift": shift, "stride": int(rng.integers(3))}
             write = {"address": (first + k) % entries, "entry": entry}
-            cycle(**{"schedule_write.valid": 1, "schedule_write.payload": write})
+            player.cycle(**{"schedule_write.valid": 1, "schedule_write.payload": write})
         warm = start is None and tracking
         if start is None and not tracking:  # cold, but where v already is
-            start = v
+            start = player.v
         reason = {} if warm else [{"start_last": 0}, {"roi_load": 1}, {}][int(rng.integers(2 if tracking else 3))]
-        cycle(**{"run.take": 1})
-        settings = random_value(block.run.settings.shape(), rng) | {"start_last": 1, "roi_load": 0} | reason
-        settings |= {"warm" if warm else "cold": part(first, len(steps))}
-        settings |= {} if start is None else {"v_start": xy(start)}
-        saturated = False
-        timeline[len(script)] = v, saturated
-        planned[len(script) + 1] = len(steps)
-        for _ in range(3):
-            cycle()
-        cycle(**{"run.start": 1})
-        if start is not None:
-            v = start
-            timeline[len(script)] = v, saturated
-        cycle()
+        part = {"warm" if warm else "cold": {"first": first, "count": len(steps)}}
+        player.begin(start, wait=3, **{"start_last": 1, "roi_load": 0} | reason | part)
+        planned[len(player.script) - 3] = len(steps)
+        player.cycle()
         for shift, *g in steps:
-            entered.append(len(script))
-            cycle(**{"i.valid": 1, "i.payload": xy(g)})
-            for _ in range(2):
-                cycle()
-            halved = lesser(config, g)
-            v, limited = zip(
-                *(
-                    sign_updater(one.fmt, axis_v, axis_g, log2_step=shift - config.formats.v.f, halved=half)
-                    for one, axis_v, axis_g, half in zip(parameters, v, g, halved, strict=True)
-                ),
-                strict=True,
-            )
-            saturated |= any(limited)
-            timeline[entered[-1] + block.latency] = v, saturated
-            for _ in range(spacing):
-                cycle()
-        for _ in range(3):
-            cycle()
+            player.give(g)
+            player.cycle(2)
+            found = [
+                sign_updater(one.fmt, axis_v, axis_g, log2_step=shift - config.formats.v.f, halved=half)
+                for one, axis_v, axis_g, half in zip(parameters, player.v, g, lesser(config, g), strict=True)
+            ]
+            player.step((v for v, _ in found), any(limited for _, limited in found))
+            player.cycle(spacing)
+        player.cycle(3)
         tracking = bool(rng.random() < 0.8)
-        cycle(**{"run.done": 1, "run.degenerate": int(not tracking)})
-
-    recording = play(block, script, flows=(), watch=("v", "saturated", "run.updated", "run.planned", "limited")).watch
-    for number, wanted in enumerate(held(timeline, len(script))):
-        velocity = recording["v"][number]
-        got = tuple(velocity[name] for name in names), bool(recording["saturated"][number])
-        assert got == wanted, f"cycle {number}"
-    assert [n for n, value in enumerate(recording["run.updated"]) if value] == [n + block.latency for n in entered]
-    assert {cycle: recording["run.planned"][cycle] for cycle in planned} == planned
-    assert not any(recording["limited"])
-    return list(timeline.values())
+        player.cycle(**{"run.done": 1, "run.degenerate": int(not tracking)})
+    watch = player.check("run.planned")
+    assert {cycle: watch["run.planned"][cycle] for cycle in planned} == planned
+    return list(player.timeline.values())
 
 
 def random_batches(config, rng, count, iterations=15):
