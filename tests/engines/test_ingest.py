@@ -38,7 +38,6 @@ LENSES = {
 }
 CONFIGS = FILTERS | LENSES
 LENS = (44.0, 43.0, 21.0, 20.5, -0.3, 0.08, 0.002, -0.001, 0.01)
-CAMERA = ",".join(map(repr, LENS))
 
 pytestmark = pytest.mark.usefixtures("compiler")
 
@@ -146,7 +145,7 @@ def test_without_a_camera_it_is_the_hardware_without_undistortion(rng):
 
 
 def test_a_reset_leaves_the_table(verilated, rng):
-    config = CONFIGS["fast"].replace(camera=CAMERA)
+    config = CONFIGS["fast"].replace(camera=",".join(map(repr, LENS)))
     engine, settings = verilated(config), BatchSettings.from_config(config, (10, 10))
     _, events = random_events(config, rng, (10, 10), "random_everywhere")
     found = []
