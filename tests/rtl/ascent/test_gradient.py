@@ -8,8 +8,6 @@ import pytest
 from cmfpga.config import Config, preset
 from cmfpga.reference.integer.image import Sums, gradient
 from cmfpga.rtl.ascent.gradient import Gradient
-from cmfpga.rtl.image.gradient_reader import GradientReader
-from cmfpga.rtl.image.one_pass_gradient import OnePassGradient
 from support.bench import play
 from support.configs import CONFIGS
 from support.values import edge_integers, random_value
@@ -67,7 +65,3 @@ def test_exact_at_the_bounds(name):
     items = [Sums(i, dx, -dx, (sx, -sx)) for i, dx, sx in itertools.product(extremes[0], extremes[1], extremes[3])]
     came = [value for item in check(config, items).values() for value in item.values()]
     assert max(came) == config.widths.g_max and min(came) == -config.widths.g_max
-
-
-def test_the_plain_sums_are_final_as_early_as_the_gradient_needs_them():
-    assert min(GradientReader.lead, OnePassGradient(preset("fast"), accumulator_latency=1).lead) >= Gradient.lead
