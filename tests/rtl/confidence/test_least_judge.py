@@ -6,7 +6,6 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.protocol.confidence import is_sharp, least_fall
 from cmfpga.rtl.confidence import probe
-from cmfpga.rtl.confidence.probe import LeastJudge
 from support.bench import play
 from support.mutation import break_blocks
 
@@ -66,11 +65,11 @@ def check(block, rng, count=80):
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_the_verdict_is_the_models(name, rng):
-    check(LeastJudge(CONFIGS[name]), rng)
+    check(probe.LeastJudge(CONFIGS[name]), rng)
 
 
 def test_nothing_probed_is_no_curvature_and_no_doubt(rng):
-    block = LeastJudge(CONFIGS["similarity"])
+    block = probe.LeastJudge(CONFIGS["similarity"])
     probes = [{"i.valid": 1, "i.payload": dict.fromkeys(block.config.motion_model.names, -5)}] * 4
     script = [{"new_batch": 1, "limit": 9, "squares": 7, "events": 3}, *probes, *[{}] * (block.latency + 1)]
     watched = play(block, [*script, {"new_batch": 1}, {}], flows=(), watch=("curvature", "doubtful")).watch
@@ -87,4 +86,4 @@ def test_nothing_probed_is_no_curvature_and_no_doubt(rng):
 def test_another_judge_would_be_noticed(old, new, monkeypatch, rng):
     break_blocks(monkeypatch, probe, old, new)
     with pytest.raises(AssertionError):
-        check(LeastJudge(CONFIGS["similarity"]), rng)
+        check(probe.LeastJudge(CONFIGS["similarity"]), rng)

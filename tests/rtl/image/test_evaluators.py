@@ -10,7 +10,6 @@ from cmfpga.protocol.confidence import beside
 from cmfpga.reference.integer.image import accumulator, gradient_reader, voter, warp
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image import evaluators, image_of, one_pass_gradient, one_pass_image
-from cmfpga.rtl.image.evaluators import Evaluators
 from cmfpga.rtl.sliding.placer import placed_event
 from support.bench import play
 from support.configs import ROUNDS
@@ -20,7 +19,7 @@ from support.values import edge_integers, tensor
 
 class Rounds(wiring.Component):
     def __init__(self, config, event=None):
-        self.evaluators, self.image = Evaluators(config, event), image_of(config)(config, in_flight=9)
+        self.evaluators, self.image = evaluators.Evaluators(config, event), image_of(config)(config, in_flight=9)
         super().__init__(
             {name: self.evaluators.signature.members[name] for name in ("i", "centre", "distance", "level")}
             | {"next": In(1), "complete": Out(1), "squares": Out(payloads.squares(config))}

@@ -8,7 +8,6 @@ import pytest
 from cmfpga.config import Config, preset
 from cmfpga.imaging.camera import Camera, node_table, node_writes, undistort
 from cmfpga.rtl.ingest import undistorter
-from cmfpga.rtl.ingest.undistorter import Undistorter
 from support.bench import GAPS, check_latency, flow_script, play
 from support.configs import NARROW, ODD, TINY
 from support.mutation import break_blocks
@@ -44,7 +43,7 @@ def scripted(config, table):
 
 def through(config, rng, events, gap, before, enable=1):
     """What comes out for (x, y) of ``events``: raw positions, without the half pixel that the filter wants."""
-    block = Undistorter(config)
+    block = undistorter.Undistorter(config)
     marks = {name: 1 for name in block.i.payload.shape().members if name not in ("t", "x", "y", "last")}
     items = [{"t": k % 200, "x": x, "y": y, "last": k % 2, **marks} for k, (x, y) in enumerate(events)]
     script, pushed = flow_script(block, items, random_gaps(rng, len(items), gap), rng)
@@ -108,7 +107,7 @@ def test_without_a_camera_nothing_moves_whatever_the_table_holds(name, rng):
 
 def test_a_batch_keeps_what_it_began_with(rng):
     config = SHAPES["odd"]
-    block, lens = Undistorter(config), lens_of(config)
+    block, lens = undistorter.Undistorter(config), lens_of(config)
     script = [*scripted(config, node_table(config, lens)), {"start": 1, "enable": 1}, {"enable": 0}]
     recording = play(block, [*script, {"i.valid": 1, "i.payload": {"t": 0, "x": 3, "y": 4, "last": 0}}, *[{}] * 9])
     wanted = [int(axis[0]) + 8 for axis in undistort(config, lens, [3], [4])]

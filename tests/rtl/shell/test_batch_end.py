@@ -5,7 +5,6 @@ import pytest
 from cmfpga.config import Config
 from cmfpga.reference.wire import BatchEnds, Token, split_batches
 from cmfpga.rtl.shell import batch_end
-from cmfpga.rtl.shell.batch_end import BatchEnd
 from support.axi_streams import FLOWS, pass_through
 from support.mutation import break_blocks
 from support.values import Port
@@ -70,7 +69,7 @@ class Consumer:
 
 
 def run(tokens, ends, flow, rng, *, busy=2, start_p=1.0, commands=(), open_end=False):
-    block = BatchEnd(CONFIG)
+    block = batch_end.BatchEnd(CONFIG)
     consumer = Consumer(block, ends, rng, busy=busy, start_p=start_p, commands=commands)
     items = [{name: int(value) for name, value in k._asdict().items() if name != "known"} for k in tokens]
     events = sum(token.event for token in tokens)
@@ -149,7 +148,7 @@ def test_one_event_per_cycle(rng):
     assert cycles[:7] == list(range(cycles[0], cycles[0] + 7))
     # The last one of a batch does not wait for another.
     _, passage = check(tokens[:7], "count", "free", rng, busy=0)
-    assert passage.out[-1][0] == passage.taken[-1] + BatchEnd.latency
+    assert passage.out[-1][0] == passage.taken[-1] + batch_end.BatchEnd.latency
 
 
 JUMPS, OFTEN, GRID = {"jumps": 0.05}, {"event_p": 0.6, "end_p": 0.3}, {"grid": 10}

@@ -10,7 +10,6 @@ from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.shapes import leaves
 from cmfpga.rtl.shell import result_packet
-from cmfpga.rtl.shell.result_packet import ResultPacket
 from support.bench import simulate
 from support.mutation import break_blocks
 from support.values import Port, random_values
@@ -58,7 +57,7 @@ def check(name, stall, reads, rng):
     """Results, three of a batch with a table of regions, through a block; AssertionError where one is not right."""
     config = preset(name)
     registers = register_map(config)
-    block = ResultPacket(config, registers)
+    block = result_packet.ResultPacket(config, registers)
     results = random_values(block.i.payload.shape(), rng)
     shown, sent, held_back, of_batch = dict.fromkeys(range(64), 0), [], 0, 3 if config.regions else 1
 
