@@ -19,8 +19,9 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.verilog.simulation import VerilatedCore
 from support import verilog_tools
 
+MOST = Config().max_batch_events
 CONFIGS = {
-    **verilog_tools.CONFIGS,
+    **{name: config.replace(max_batch_events=MOST) for name, config in verilog_tools.CONFIGS.items()},
     "whole sensor": Config(sensor_width=64, sensor_height=48, roi_width=64, roi_height=48, buffer_events=512),
     "fast": preset("fast"),
     # So few tags that they come back in every batch, and a long table.
@@ -35,7 +36,7 @@ CONFIGS = {
     ),
     # The sequence of the dither begins anew without a schedule.
     "dither, constant": verilog_tools.CONFIGS["narrow formats"].replace(
-        gradient="one_pass", dither_frac=3, roi_width=14, roi_height=18, buffer_events=100
+        gradient="one_pass", dither_frac=3, roi_width=14, roi_height=18, buffer_events=100, max_batch_events=MOST
     ),
     "quad": preset("quad"),
     "similarity": preset("similarity").replace(buffer_events=500),
