@@ -34,10 +34,10 @@ def test_running_it_changes_nothing(maker, tables):
         assert maker.rewritten(text, tables) == text, f"{page.name}: run python docs/tables.py"
 
 
-def test_every_table_is_used_and_every_marker_has_its_end(maker):
+def test_every_table_is_used_once_and_every_marker_has_its_end(maker):
     text = "".join(page.read_text(encoding="utf-8") for page in maker.PAGES)
     names = re.findall(r"<!-- generated: (\w+) -->", text)
-    assert set(names) == set(maker.TABLES)
+    assert sorted(names) == sorted(maker.TABLES)
     assert len(names) == text.count("<!-- end -->") == len(maker.BLOCK.findall(text))
 
 
@@ -72,11 +72,6 @@ def test_times_in_the_prose_are_the_measured_ones():
     late = core.cycles(roi_events=800, iterations=1) + 3  # from the event that ends a hop
     assert f"{core.tail + 3} cycles; {late} if the round starts late" in readme
     assert f"so {late} at T = 1, n = 800" in sliding
-
-
-def test_an_unknown_name_is_refused(maker):
-    with pytest.raises(KeyError, match="nonsense"):
-        maker.rewritten("<!-- generated: nonsense -->\n<!-- end -->\n", {})
 
 
 OPTION = re.compile(r"--[a-z][a-z-]*")

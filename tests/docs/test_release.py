@@ -75,9 +75,6 @@ def test_the_workflow_runs_all_tests():
     assert job["steps"][-1] == {"run": ".ci/run"} and (ROOT / ".ci/run").exists()
 
 
-# ---------------------------------------------------------------- make release
-
-
 @pytest.fixture(scope="module")
 def maker():
     with pytest.MonkeyPatch.context() as patch:
