@@ -2,10 +2,7 @@
 
 import dataclasses
 import json
-import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -64,9 +61,6 @@ def refusal(**changes):
     message = str(caught.value)
     assert "\n" not in message
     return message
-
-
-# ---------------------------------------------------------------- limits of each field
 
 
 def test_the_defaults_are_the_presets_and_no_limit_is_missing():
@@ -133,9 +127,6 @@ def test_choices(name, choices):
         assert getattr(Config(**{"max_level": 2, **needed, name: choice}), name) == choice
     for value in ("", "LAST", " sweep", 1, None, ["last"]):
         assert refusal(**{name: value}) == f"{name} = {value!r}: one of {', '.join(choices)} is needed"
-
-
-# ---------------------------------------------------------------- fields together
 
 
 @pytest.mark.parametrize("changes, message", [
@@ -273,9 +264,6 @@ def test_the_limit_of_63_bits_is_exact():
         pytest.fail("never refused")
 
 
-# ---------------------------------------------------------------- construction
-
-
 def test_frozen_and_by_keyword():
     with pytest.raises(dataclasses.FrozenInstanceError):
         Config().roi_width = 32
@@ -326,9 +314,6 @@ def test_presets_by_name():
     assert issubclass(ConfigError, UserError) and issubclass(UserError, ValueError)
 
 
-# ---------------------------------------------------------------- identity of the hardware
-
-
 def test_runtime_fields_do_not_shape_the_hardware():
     assert {name for name, field in FIELDS.items() if field.metadata["runtime"]} == RUNTIME
     changes = dict(
@@ -351,19 +336,6 @@ def test_every_hardware_field_does(name):
     assert changed.hardware_hash != base.hardware_hash
     assert changed.replace(**{name: getattr(base, name)}).hardware_hash == base.hardware_hash
     assert re.fullmatch("[0-9a-f]{64}", changed.hardware_hash)
-
-
-def test_the_hash_is_the_same_in_every_process():
-    script = "from cmfpga.config import Config; print(Config().hardware_hash)"
-    for seed in ("1", "2"):
-        environment = {**os.environ, "PYTHONHASHSEED": seed}
-        told = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, check=True).stdout
-        assert told.decode().strip() == Config().hardware_hash
-
-
-def test_to_dict_is_json_and_makes_the_same_configuration():
-    config = Config(roi_width=32, eta=0.25, start="given", v_start_x=-1.5)
-    assert Config(**json.loads(json.dumps(config.to_dict()))) == config
 
 
 def test_a_camera_is_nine_numbers():
