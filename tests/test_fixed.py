@@ -70,9 +70,6 @@ def test_inputs_are_left_as_they_were():
         assert values.tolist() == VALUES
 
 
-# ---------------------------------------------------------------- formats
-
-
 @pytest.mark.parametrize(
     "fmt, width, low, high, step, text",
     [
@@ -115,9 +112,6 @@ def test_raw_and_real_are_inverse(i, f, signed, share):
     fmt = Q(i, f, signed=signed)
     raw = fmt.min + math.floor(share * (fmt.max - fmt.min))
     assert fmt.raw(fmt.real(raw)) == raw
-
-
-# ---------------------------------------------------------------- widths
 
 
 def test_bits_hold_exactly_their_range():

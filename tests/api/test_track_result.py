@@ -32,9 +32,6 @@ def follow(recording, engine="model", config=PAPER, **options):
     return cmfpga.track(recording, roi=(8, 9), batch_events=90, engine=engine, **{**config, **options})
 
 
-# ---------------------------------------------------------------- the name
-
-
 def test_the_package_shows_what_it_has_and_help_can_tell_its_arguments():
     assert {"track", "Tracker", "flow", "Events"} <= {*dir(cmfpga)} and callable(cmfpga.track)
     with pytest.raises(AttributeError, match="nonsense"):
@@ -42,9 +39,6 @@ def test_the_package_shows_what_it_has_and_help_can_tell_its_arguments():
     parameters = inspect.signature(cmfpga.track).parameters
     assert [*parameters][:4] == ["recording", "roi", "preset", "engine"] and parameters["preset"].default is None
     assert "roi : (int, int)" in cmfpga.track.__doc__
-
-
-# ---------------------------------------------------------------- columns
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -183,9 +177,6 @@ def test_mistakes_with_what_is_tracked(dot_events, tmp_path):
         follow(tmp_path / "a.npz", batches=1)
     unit, sensor = (str(warning.message) for warning in told)
     assert "taking us, a guess; say it with time_unit=" in unit and "taking 240×180 px" in sensor
-
-
-# ---------------------------------------------------------------- traces
 
 
 @pytest.mark.parametrize("config", [PAPER, {**FAST, "cold_after_doubtful": 0}], ids=["paper", "fast"])

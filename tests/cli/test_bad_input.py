@@ -39,9 +39,6 @@ def refused(command, small, tmp_path):
     return refused
 
 
-# ---------------------------------------------------------------- the recording
-
-
 def lines(path, count=200, **changed):
     """A plain text recording, some of its lines (from 1) given: ``_7="0.5 x y 1"``."""
     rows = [f"{k / 10_000:.6f} {k % 30} {k % 20} {k % 2}" for k in range(1, count + 1)]
@@ -124,8 +121,6 @@ def test_sizes_that_do_not_fit(command, dot, tmp_path):
         assert command(track, *arguments, *MODEL, "--out", tmp_path).error == message
 
 
-# ---------------------------------------------------------------- options of track
-
 HINT = " (--help lists the options)"
 WHOLE = "a whole number of 1 or more is needed" + HINT
 PAIR = "two whole numbers, is needed" + HINT
@@ -190,9 +185,6 @@ def test_what_is_said_of_a_recording_that_is_not_there(command, tmp_path):
     for option in (["--sensor", "32,24"], ["--time-unit", "us"]):
         error = command(track, *MODEL, *option, "--out", tmp_path).error
         assert error.startswith(option[0]) and error.endswith("a RECORDING is needed; the synthetic scene has its own")
-
-
-# ---------------------------------------------------------------- where to write
 
 
 @pytest.mark.parametrize("module", [track, build])

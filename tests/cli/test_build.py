@@ -70,9 +70,6 @@ def info_of(files):
     return json.loads(files["build-info.json"])
 
 
-# ---------------------------------------------------------------- the same bytes
-
-
 def test_two_processes_write_the_same_bytes(process, emitted, tmp_path):
     """Other hash seeds, other folders, one of them without torch; and a third time in this process."""
     here = emitted(**TINY)
@@ -139,9 +136,6 @@ def test_a_system_yosys_is_not_asked(emitted, command, tmp_path, monkeypatch):
     assert shutil.which("yosys") == str(fake)
     done = command(build, "--preset", "paper", *TINY_SETS, "--out", tmp_path / "out")
     assert done.status == 0 and contents(tmp_path / "out") == emitted(**TINY)
-
-
-# ---------------------------------------------------------------- the Verilog
 
 
 CONFIGURATIONS = {
@@ -250,9 +244,6 @@ def test_the_summary_says_the_same(files):
         assert f"| {name} | {cycles} |" in text
     for name, fmt in info["formats"].items():
         assert f"| {name} | {fmt['format']} | {fmt['bits']} | {fmt['meaning']} |" in text
-
-
-# ---------------------------------------------------------------- the command
 
 
 def test_paths_as_json(command, tmp_path):

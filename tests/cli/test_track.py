@@ -34,9 +34,6 @@ def follow(command, dot, small, tmp_path):
     return follow
 
 
-# ---------------------------------------------------------------- engines and files
-
-
 MODES = [("--batch-events", "90", 6), ("--batch-us", "900", 6), ("--batch-roi-events", "30", None)]
 
 
@@ -244,9 +241,6 @@ def test_nothing_of_the_picture_is_cut(dot, tmp_path):
     assert len({tuple(colour) for colour in frame.reshape(-1, 3)}) == 3
 
 
-# ---------------------------------------------------------------- without a recording
-
-
 def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_path):
     slid = command(track, "--out", tmp_path / "slid", "--no-picture")
     count = len((tmp_path / "slid" / "track.csv").read_text().splitlines()) - 1
@@ -279,9 +273,6 @@ def test_the_scene_with_other_options(command, rows, tmp_path):
     done = command(track, *how, "--no-picture", "--out", tmp_path)
     assert json.loads(done.out)["config"]["eta"] == 4.0  # the scene's own
     assert rows(tmp_path)[0]["roi_x"] == "40"
-
-
-# ---------------------------------------------------------------- flags
 
 
 @pytest.fixture
@@ -346,9 +337,6 @@ def test_a_batch_that_lasts_too_long(flagged, dot_events):
     # 41 events of 100 µs each are within 4095 µs, so t_ref is at 2000 µs.
     assert all("time_span" in text for text in flags(found))
     assert floats(found, "t_ref_us").tolist() == [500_000.0 + 9000 * k + 2000 for k in range(6)]
-
-
-# ---------------------------------------------------------------- in a process of its own
 
 
 def test_as_users_run_it(compiler, process, rows, dot, small, tmp_path):

@@ -102,9 +102,6 @@ def test_dsec(h5, rng):
     assert assert_reads(h5({**content, "t_offset": np.int64(1000)}), later, time_unit="ns").width is None
 
 
-# -------------------------------------------------------------------- attributes
-
-
 @pytest.mark.parametrize("attrs", [
     dict(sensor_width=240, sensor_height=180), dict(width=240.0, height=np.array([180])),
     dict(sensor_resolution=(180, 240)),
@@ -153,9 +150,6 @@ def test_an_attribute_of_a_damaged_type(h5, rng):
     script = f"from cmfpga.events import open_recording; open_recording({str(path)!r})"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.stderr.endswith(f"{path}: attribute time_unit of /: text or numbers are needed\n")
-
-
-# -------------------------------------------------------------------- bad content
 
 
 @pytest.mark.parametrize("missing", "txyp")
@@ -228,9 +222,6 @@ def test_damaged_inside(h5, rng, tmp_path):
     assert "events 90000 to 99999 cannot be read" in refusal(path, "read", size=10_000)
 
 
-# -------------------------------------------------------------------- writing
-
-
 def test_write_and_reopen(tmp_path, rng):
     path = tmp_path / "a.h5"
     events = make_events(rng, 50_000)
@@ -253,9 +244,6 @@ def test_write_errors(tmp_path, rng):
         with pytest.raises(RecordingError, match=message):
             write_hdf5(tmp_path / name, given, width, 180)
     assert not list(tmp_path.iterdir())
-
-
-# -------------------------------------------------------------------- filters
 
 
 def filtered(path, events, number, chunk=b"not by this filter"):

@@ -19,9 +19,6 @@ from support.recordings import assert_reads, assert_same, columns, make_events, 
 GOOD = dict(t=[10, 20, 20, 35], x=[0, 5, 239, 7], y=[0, 9, 179, 8], p=[0, 1, 1, 0])
 
 
-# -------------------------------------------------------------------- what is read
-
-
 def test_reads_back(write, rng):
     events = make_events(rng)
     path = write(*columns(events))
@@ -91,9 +88,6 @@ def test_nothing_stays_open(write):
         assert str(path) not in opened
 
 
-# -------------------------------------------------------------------- events that cannot be used
-
-
 @pytest.mark.parametrize("changed, message", [
     (dict(t=[10, 20, 19, 35]), "event 2 is 19 µs, after 20 µs"),
     (dict(t=[-10, -20, 19, 35]), "event 1 is -20 µs, after -10 µs"),
@@ -127,9 +121,6 @@ def test_start_outside(write, start, allowed):
 
 def test_no_events(write):
     assert re.search("no events|empty", refusal(write([], [], [], [])))  # a text file of no lines is empty
-
-
-# -------------------------------------------------------------------- files that cannot be opened
 
 
 def pipe(path):
@@ -213,9 +204,6 @@ def test_memory_recording(rng):
     # Times in memory are µs by definition: the rule that looks at rates does not apply.
     t = np.arange(2000) * 1_000_000
     assert read_all(MemoryRecording(Events(t, t * 0, t * 0, t * 0), 2, 2)).t[-1] == t[-1]
-
-
-# -------------------------------------------------------------------- real recordings
 
 
 SENSORS = {

@@ -67,9 +67,6 @@ def test_what_cannot_be_told(txt, tmp_path):
     assert "an empty text; text is needed" in refusal(path)
 
 
-# -------------------------------------------------------------------- times
-
-
 TIMES = {
     "s": {
         "0.000000000": 0, "0.000000499": 0, "0.0000005": 1, "0.00000049999999999999999999999999999999": 0,
@@ -128,9 +125,6 @@ def test_fast_reader_takes_the_usual_lines():
 ])  # fmt: skip
 def test_fast_reader_leaves_the_unusual(block):
     assert parse_fast(block, 6) is None
-
-
-# -------------------------------------------------------------------- lines
 
 
 def test_comments_blank_lines_and_header(txt):
@@ -221,9 +215,6 @@ def test_speed(txt, rng):
         rate = count / (time.process_time() - begin)
     assert count == 100_000
     assert rate > 300_000  # over 1.5 million/s; line by line would be 0.15
-
-
-# -------------------------------------------------------------------- CSV with names
 
 
 @pytest.mark.parametrize("header, rows", [
