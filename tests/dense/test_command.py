@@ -13,7 +13,6 @@ from cmfpga.cli import flow
 from cmfpga.config import preset
 from cmfpga.dense import fields
 from cmfpga.dense.window import COLUMNS
-from cmfpga.errors import ConfigError
 from cmfpga.events import Events, MemoryRecording, write_hdf5
 from support.flowing import CAMERA, OMEGA
 
@@ -140,33 +139,22 @@ def test_the_page_holds_the_windows(command, slide, tmp_path):
     assert shown == [[row["vx_px_per_s"], row["vy_px_per_s"]] for row in found]
 
 
-@pytest.mark.parametrize(
-    ("told", "why"),
-    [
-        (["--tile", 65], "tile = 65: 4 to 64 px are allowed"),
-        (["--step", 40], "step = 40: 1 to 32 px"),
-        (["--tile", 4, "--step", 1], "at most 1024 are allowed (regions)"),
-        (["--tile", 4, "--set", "regions=99"], "every 4 px: 772 regions on 128×96 px; at most 99 are"),
-        (["--set", "regions=3"], "at most 3 are allowed (regions)"),
-        (["--preset", "fast"], "preset 'fast' has no regions"),
-        (["--fit", "rotation"], "a calibration is needed"),
-        (["--fit", "shear"], "invalid choice: 'shear'"),
-        (["--engine", "jtag"], "invalid choice: 'jtag'"),
-        (["--window-events", 100_000], "at most 32767 are allowed"),
-        (["--start-event", 1_000_000], "0 to 24232 is allowed"),
-        (["--window-us", 10_000_000], "too few events"),
-        (["--picture", "x.gif"], "a name that ends in .png, .pdf, .svg"),
-        (["--window-events", 5, "--window-us", 5], "not allowed with"),
-        (["--slices", 3], "windows of 3 slices: a length (window_events, window_us) is needed"),
-        (["--slices", 3, "--window-events", 4000], "a multiple of 3 events is needed"),
-        (["--slices", 0], "a whole number of 1 or more is needed"),
-        (["--slices", 17, "--window-us", 1700], "slices = 17"),
-        (["--slices", 2, "--window-us", 8000, "--background-us", 99], "background = 0 is needed"),
-    ],
-)
+@pytest.mark.parametrize("told, why", [
+    (["--tile", 4, "--step", 1], "at most 1024 are allowed (regions)"),
+    (["--tile", 4, "--set", "regions=99"], "every 4 px: 772 regions on 128×96 px; at most 99 are"),
+    (["--set", "regions=3"], "at most 3 are allowed (regions)"),
+    (["--preset", "fast"], "preset 'fast' has no regions"),
+    (["--fit", "shear"], "invalid choice: 'shear'"), (["--engine", "jtag"], "invalid choice: 'jtag'"),
+    (["--start-event", 1_000_000], "0 to 24232 is allowed"), (["--window-us", 10_000_000], "too few events"),
+    (["--picture", "x.gif"], "a name that ends in .png, .pdf, .svg"),
+    (["--window-events", 5, "--window-us", 5], "not allowed with"),
+    (["--slices", 3], "windows of 3 slices: a length (window_events, window_us) is needed"),
+    (["--slices", 0], "a whole number of 1 or more is needed"),
+    (["--slices", 17, "--window-us", 1700], "slices = 17"),
+    (["--slices", 2, "--window-us", 8000, "--background-us", 99], "background = 0 is needed"),
+])  # fmt: skip
 def test_what_is_refused(command, slide, tmp_path, told, why):
-    told = [*told, *(() if "--engine" in told else ("--engine", "model"))]
-    assert why in command(flow, slide, *told, "--out", tmp_path).error
+    assert why in command(flow, slide, "--engine", "model", *told, "--out", tmp_path).error
 
 
 @pytest.mark.parametrize("sensor, tile, step, regions, events, bins", [
@@ -198,5 +186,3 @@ def test_refusals_without_a_usable_recording(command, tmp_path):
     assert "no such file" in command(flow, tmp_path / "none.h5").error.lower()
     assert "a RECORDING is needed" in command(flow, "--sensor", "64,48").error
     assert command(flow, "tcp://localhost:1").status == 2
-    with pytest.raises(ConfigError, match="no regions"):
-        cmfpga.flow(fields.scene(), preset="fast")
