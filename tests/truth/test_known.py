@@ -89,7 +89,6 @@ HEAD = "t px py pz qx qy qz qw\n"
     ("t vx [m/s] vy\n0 1 2\n1 2 3\n", ": vx in 'm/s': px/s is needed"),
     ("t [h] vx vy\n0 1 2\n1 2 3\n", ": t in 'h': one of s, ms, us, ns is needed"),
     (HEAD + "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 2\n", ", row 2: qx qy qz qw are no rotation: of length 2, not 1"),
-    ("t_us,vx_px_per_s,vy_px_per_s\n0,1,2\n0,1,2\n", ": finite numbers, and times that ascend, are needed"),
     ("\0\0", ": no text; t vx vy"),
 ])  # fmt: skip
 def test_what_is_refused(read, text, message):
