@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config
-from cmfpga.engines import Engine, make_engine
+from cmfpga.engines import Engine
 from cmfpga.engines.model import FloatEngine
 from cmfpga.events import BatchCutter, Feed, generate
 from cmfpga.imaging.iwe import contrast
@@ -203,10 +203,3 @@ def test_the_roi_follows_the_object(scene):
         offset = np.add(result.roi, 9.5) - scene.motion.position(batch.t_ref)
         assert np.abs(offset).max() < 6, f"batch {batch.index}"
         assert np.hypot(*np.subtract(batch.v_px_per_s, (60, 30))) < 25, f"batch {batch.index}"
-
-
-def test_the_model_gives_the_same_track_twice(scene):
-    config = SCENE_CONFIG.replace(iterations=3)
-    rows = [[batch.row() for batch in follow(make_engine("model", config), scene)] for _ in range(2)]
-    assert rows[0] == rows[1] and len(rows[0]) == 9
-    assert all(row[list(COLUMNS).index("cycles")] == "" for row in rows[0])
