@@ -294,13 +294,9 @@ def test_resources_once_per_hardware(recordings, tmp_path, monkeypatch):
     assert pandas.read_csv(tmp_path / "results.csv")["resources.lut"].isna().all()
 
 
-def test_help_names_every_option_and_the_examples_parse():
-    done = run_here("--help")
-    assert done.status == 0
+def test_the_examples_of_help_can_be_planned():
     for example in sweep.EXAMPLES:
-        assert example in done.out
-        words = shlex.split(example, comments=True)[2:]
-        options = sweep.parser().parse_args(words)
+        options = sweep.parser().parse_args(shlex.split(example, comments=True)[2:])
         plan.choices(options.preset, options.assignments, options.vary)
 
 
