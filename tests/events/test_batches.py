@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cmfpga.errors import ConfigError, RecordingError
-from cmfpga.events import BatchCutter, Events, MemoryRecording, batches, open_recording
-from support.recordings import assert_same, make_events, read_all
+from cmfpga.events import BatchCutter, Events, MemoryRecording, batches
+from support.recordings import assert_same, make_events
 
 ROI = (50, 40, 64, 48)
 
@@ -167,16 +167,6 @@ def test_roi_not_allowed(rng, roi):
     with pytest.raises(ConfigError, match="roi = "):
         cutter.next(roi)
     assert cutter.next(ROI) is not None
-
-
-@pytest.mark.parametrize("options", [dict(events=5000), dict(duration_us=10_000), dict(roi_events=200)])
-def test_real_recording(data_dir, options):
-    with open_recording(data_dir / "davis240c_shapes_rotation_0.0s.h5") as recording:
-        events = read_all(recording)
-        cutter = BatchCutter(recording, max_events=60_000, **options)
-        found = list(iter(lambda: cutter.next((88, 58, 64, 64)), None))
-        check_nothing_lost(events, found, cutter)
-        assert len(found) >= 10
 
 
 @pytest.mark.parametrize("size, options", [

@@ -39,11 +39,11 @@ def test_fractions_that_no_clock_of_1_us_gives(rng, rate, unit):
     assert [guess_unit(epoch * 1e-6), guess_unit(epoch / 1000), guess_unit(epoch + 0.25)] == ["s", "ms", "us"]
 
 
-@pytest.mark.parametrize("unit, digits, power", [("ms", 3, -3), ("us", 2, 0), ("s", 6, -6)])
-def test_fractions_in_text(tmp_path, rng, unit, digits, power):
+@pytest.mark.parametrize("unit, digits, power", [("ms", 3, -3), ("us", 2, 0), ("s", 6, -6), ("us", 0, 0), ("ns", 0, 3)])
+def test_fractions_and_whole_numbers_in_text(tmp_path, rng, unit, digits, power):
     us = clock(rng, 6e4, 6000, start=5000)
     path = tmp_path / "a.csv"
-    rest = 0.25 if unit == "us" else 0
+    rest = 0.25 if digits == 2 else 0
     path.write_text("".join(f"{(t + rest) * 10.0**power:.{digits}f},1,1,1\n" for t in us))
     recording = assert_reads(path, {"t": us.tolist()})
     assert (recording.time_unit, recording.time_unit_source) == (unit, "assumed")
@@ -101,15 +101,6 @@ def test_in_files(write, rng):
         recording, unit = open_recording(write(us, x, x, p)), "s"
     with recording:
         assert (recording.time_unit, recording.time_unit_source) == (unit, "assumed")
-
-
-@pytest.mark.parametrize("unit, factor", [("us", 1), ("ns", 1000), ("s", None)])
-def test_in_text_of_whole_numbers(tmp_path, rng, unit, factor):
-    us = clock(rng, 1e5, 2000, start=7)
-    path = tmp_path / "a.txt"
-    times = [f"{t * factor}" for t in us] if factor else [f"{t // 10**6}.{t % 10**6:06d}" for t in us]
-    path.write_text("".join(f"{t} 1 1 1\n" for t in times))
-    assert assert_reads(path, {"t": us.tolist()}).time_unit == unit
 
 
 @pytest.mark.parametrize(
