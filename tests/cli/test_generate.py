@@ -85,13 +85,10 @@ def test_there_and_back_again(command, tmp_path):
     ([], "the following arguments are required: FILE"),
     (["FOLDER/a.h5"], "FOLDER/a.h5: cannot be written: No such file or directory"),
     (["a.h5", "--velocity", "1"], "argument --velocity: '1': two numbers, as in 120,-40, are needed"),
-    (["a.h5", "--velocity", "nan,0"], "velocity = nan: a finite number is needed"),
-    (["a.h5", "--noise", "1"], "noise = 1.0: 0 to 0.95 is needed"),
     (["a.h5", "--noise", "much"], "argument --noise: 'much': a number is needed"),
     (["a.h5", "--repeat", "0"], "argument --repeat: '0': a whole number of 1 or more is needed"),
     (["a.h5", "--sensor", "0,5"], "width = 0: 1 to 65536 is needed"),
     (["a.h5", "--velocity", "0,0"], "a.h5: no events to write"),
-    (["a.h5", "--contrast", "1e9"], "the scene has "),
 ])  # fmt: skip
 def test_mistakes(command, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)

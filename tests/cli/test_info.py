@@ -178,7 +178,6 @@ def test_a_truncated_file_is_described_and_refused(command, scene, tmp_path):
     (["PATH", "--start-event", "99999999"], "PATH: first event 99999999; 0 to "),
     (["PATH", "--png", "FOLDER/a.png"], "FOLDER/a.png: No such file or directory"),
     (["PATH", "--preset", "x"], "preset 'x': one of "),
-    (["PATH", "--set", "roi_width=9999"], "roi_width = 9999: 2 to 4096 is needed"),
     (["PATH", "--sensor", "100,100"], "PATH: x of event "),
 ])  # fmt: skip
 def test_mistakes(command, recording, tmp_path, monkeypatch, arguments, message):

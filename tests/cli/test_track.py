@@ -101,19 +101,6 @@ def test_the_float_engine(follow, rows, tmp_path):
     looks_like_a_track(tmp_path / "track.png")
 
 
-def test_the_roi_follows_the_dot(follow, rows, tmp_path):
-    """It moves by 2.25 px, which is 1.125 px per half batch, in each of six batches."""
-    assert follow("--no-picture").status == 0
-    found = rows(tmp_path)
-    assert found[0]["roi_x"] == "8" and 17 <= int(found[-1]["roi_x"]) <= 21
-    np.testing.assert_allclose(floats(found, "vx_px_per_s").mean(), 2500, rtol=0.2)
-    for row in found:
-        half_range = 89 * 10 / 2e6
-        for axis in ("vx", "vy"):
-            assert float(row[f"{axis}_px_per_s"]) == pytest.approx(float(row[axis]) / half_range, abs=5e-4)
-        assert float(row["t_ref_us"]) == 50_000 + 900 * int(row["batch"]) + 445
-
-
 def test_batches_begin_where_they_are_told_and_stop(follow, rows, dot_events, tmp_path):
     done = follow("--start-event", 123, "--batches", 3, "--no-picture", size=("--batch-events", 50))
     assert done.status == 0 and "3 batches tracked" in done.out
