@@ -13,9 +13,9 @@ from matplotlib.text import Text
 import cmfpga
 from cmfpga.cli import track as command_module
 from cmfpga.errors import ConfigError, RecordingError, UserError
-from cmfpga.events import Events, MemoryRecording, generate, open_recording, write_hdf5
+from cmfpga.events import Events, MemoryRecording, open_recording, write_hdf5
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.settings import BatchSettings, settings_values
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference import floating
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.tracking.columns import COLUMNS
@@ -119,10 +119,6 @@ def test_what_can_be_tracked(dot, dot_events):
     found.append(follow(seconds, batches=3, sensor=(32, 24), time_unit="s"))
     for tracking in found:
         assert tracking.vx.tolist() == expected.vx.tolist() and tracking.contrast.tolist() == expected.contrast.tolist()
-    scene = generate(seed=1, velocity=(150.0, 100.0), duration_us=100_000)
-    tracking = cmfpga.track(scene, preset="fast", engine="model", batch_events=1500, batches=2)
-    assert (tracking.roi_x[0], tracking.roi_y[0]) == scene.roi_start(64, 64)
-    np.testing.assert_allclose(tracking.vx_px_per_s, 150, atol=25)
 
 
 def test_a_live_source_is_tracked_but_not_read_again(dot, dot_events):
@@ -206,28 +202,6 @@ def test_every_intermediate_is_that_of_the_model(dot, engine, config):
     assert iterations > 20
     levels = {level for batch in range(6) for level in tracking.trace(batch).levels}
     assert levels == ({0} if config is PAPER else {0, 1, 2})
-
-
-def test_images_are_those_that_the_verilog_sweeps(dot):
-    """The emitted Verilog's own memories, word by word."""
-    tracking = follow(dot, "rtl")
-    from cmfpga.verilog.simulation import VerilatedCore
-
-    core, start = VerilatedCore(tracking.config), (8, 9)
-    with open_recording(dot) as recording:
-        for batch in range(3):
-            events = next(recording.chunks(90 * batch, 90))
-            settings = settings_values(tracking.config, BatchSettings.from_config(tracking.config, start))
-            _, _, pixels = core.play([(events.t, events.x, events.y)], [settings], keep_pixels=True)
-            start, trace = None, tracking.trace(batch)
-            assert len(pixels) == len(trace) == 15
-            for k, banks in enumerate(pixels.reshape(15, 4, 4, 4, 3)):
-                for member, name in enumerate(("iwe", "iwe_dx", "iwe_dy")):
-                    image = np.zeros((8, 8), np.int64)
-                    for bank in range(4):
-                        image[bank // 2 :: 2, bank % 2 :: 2] = banks[:, :, bank, member]
-                    np.testing.assert_array_equal(trace[k].raw[name], image)
-    core.close()
 
 
 @pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"])
