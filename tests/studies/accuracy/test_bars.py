@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.accuracy.table import ERRORS, SHARES, contrast_shares, errors, measure, run_case, scored
+from studies.accuracy.table import ERRORS, SHARES, contrast_shares, errors, measure, scored
 from studies.accuracy.yardstick import peak_error
 
 from cmfpga.config import preset
@@ -144,11 +144,3 @@ def test_the_objectives_peak_is_the_limit(synthetic):
     found = score_errors(FAST, synthetic)
     assert found["below_0.3_px"] >= peaks["below_0.3_px"] - 0.01
     assert found["below_0.6_px"] >= peaks["below_0.6_px"] - 0.01
-
-
-@pytest.mark.usefixtures("long_tools")
-def test_rtl_finds_the_same(synthetic):
-    def find(engine):
-        return [run_case(engine, case, warm=warm).v for case in synthetic[:30] for warm in (False, True)]
-
-    assert measure("rtl", FAST, find) == measure("model", FAST, find)
