@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 from cmfpga import cli
 from cmfpga.cli import build, track
 from cmfpga.config import Config
-from support.small_core import sets
 
 MODEL = ["--engine", "model", "--no-picture"]
 BATCHES = ["--batch-events", "90", "--batches", "2"]
@@ -91,20 +90,11 @@ def test_truncated_originals(command, rows, data_dir, tmp_path, name, share):
     assert len(rows(tmp_path)) >= 2
 
 
-@pytest.mark.parametrize("engine", ["rtl", "model", "float"])
-def test_events_outside_a_sensor_that_was_assumed(command, small, tmp_path, engine):
-    """The file does not say how large it is, and ``--set`` is wrong. In 5 bits x = 40 would be x = 8."""
-    how = [*DOT, *small, *BATCHES, "--no-picture", *sets({"sensor_width": 32, "sensor_height": 24})]
-    done = command(track, wide(tmp_path / "wide.npz", 40), *how, "--engine", engine, "--out", tmp_path)
-    assert done.error.startswith("x of an event is 40: 0 to 31 is allowed on a sensor of 32×24 px (")
-
-
 @pytest.mark.parametrize("roi", ["25,0", "0,17", "32,24", f"{10**30},0", "-1,5", "5,-1"])
-@pytest.mark.parametrize("engine", ["rtl", "model", "float"])
-def test_an_roi_outside_the_sensor(command, dot, small, tmp_path, roi, engine, monkeypatch):
+def test_an_roi_outside_the_sensor(refused, dot, roi, monkeypatch):
     monkeypatch.setattr(track, "open_engine", None)  # refused before a simulator is compiled
-    done = command(track, dot, f"--roi={roi}", *small, *BATCHES, "--engine", engine, "--out", tmp_path)
-    assert done.error == f"ROI at {roi}: 0,0 to 24,16 is needed for 8×8 px on a sensor of 32×24 px"
+    error = f"ROI at {roi}: 0,0 to 24,16 is needed for 8×8 px on a sensor of 32×24 px"
+    assert refused(dot, f"--roi={roi}", *BATCHES) == error
 
 
 def test_sizes_that_do_not_fit(command, dot, tmp_path):

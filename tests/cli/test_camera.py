@@ -62,14 +62,6 @@ def test_the_undistorted_track_is_right_and_the_distorted_one_is_not(lens, track
     assert np.abs(trace[0].raw["v_next"]).any()
 
 
-@pytest.mark.usefixtures("compiler")
-def test_the_hardware_finds_the_same(lens):
-    fields = FOUR | {"batches": 2, "camera": lens}
-    tracks = (cmfpga.track(lens, **fields | {"engine": engine}) for engine in ("rtl", "model"))
-    hardware, model = ([(one.v, one.roi_events, one.sums) for one in track.results] for track in tracks)
-    assert hardware == model
-
-
 def test_every_output_says_which_image(lens, tracked, tmp_path):
     pytest.importorskip("plotly")
     said = tracked("--roi", "{},{}".format(*ROI), "--camera", NUMBERS, "--report")

@@ -9,11 +9,9 @@ import pytest
 
 import cmfpga
 from cmfpga.cli import build, generate, track
-from cmfpga.config import PRESETS
 from cmfpga.events import Events, write_hdf5
 from cmfpga.events import generate as synthetic
 from cmfpga.imaging.camera import RATES
-from cmfpga.rtl.core import Core
 from support.small_core import sets
 from support.tracks import floats
 
@@ -90,28 +88,6 @@ def test_a_rotation_of_a_large_sensor_is_binned(sensor, camera, pixels, image, c
     assert np.abs(np.transpose(omega) - OMEGA).max() < 0.06
     np.testing.assert_allclose(floats(found, "vx_px_per_s"), -omega[1] * focus, rtol=1e-3)
     np.testing.assert_allclose(floats(found, "vy_px_per_s"), omega[0] * focus, rtol=1e-3)
-
-
-@pytest.mark.usefixtures("compiler")
-@pytest.mark.parametrize("preset", ["similarity", "rotation"])
-def test_the_axi_top_finds_the_same(preset, turn, grow, follow, tmp_path):
-    """All rows of the model, but for the cycles, which the core's formula gives."""
-    config = PRESETS[preset]
-    core, found = Core(config), {}
-    where = [grow, "--roi", "56,26"] if preset == "similarity" else [turn]
-    for engine in ("axi", "model"):
-        told = [*where, "--engine", engine, "--batch-events", 2500, "--batches", 3, "--no-picture"]
-        said = follow(preset, *told, out=tmp_path / engine).out
-        assert said.startswith(f"3 batches tracked ({engine} engine)")
-        found[engine] = rows(tmp_path / engine)
-    sure = False
-    for a, b in zip(found["axi"], found["model"], strict=True):
-        plan = config.schedules.warm if sure else config.schedules.cold
-        sure = "doubtful" not in b["flags"]
-        assert sure == (float(b["confidence"]) >= config.confidence_limit)
-        counts = {name: int(a[name]) for name in ("events", "roi_events")}
-        assert a == b | {"cycles": str(core.cycles(**counts, iterations=plan))}
-    assert len(found["axi"]) == 3
 
 
 @pytest.mark.usefixtures("long_tools")

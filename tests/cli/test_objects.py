@@ -33,13 +33,10 @@ def roi(place, name=""):
 
 @pytest.mark.usefixtures("long_tools")
 @pytest.mark.parametrize("size", [["--batch-events", "4000"], ["--batch-us", "50000"]])
-@pytest.mark.parametrize("engine", ["rtl", "model"])
-def test_each_is_tracked_as_if_alone(request, command, tmp_path, two, size, engine):
+def test_each_is_tracked_as_if_alone(command, tmp_path, two, size):
     """On the same hardware, by itself."""
-    if engine == "rtl":
-        request.getfixturevalue("compiler")
     path, places = two
-    options = ["--preset", "objects", "--no-picture", "--engine", engine, *size, "--batches", 4]
+    options = ["--preset", "objects", "--no-picture", "--engine", "model", *size, "--batches", 4]
     done = command(track, path, roi(places[0], "slow="), roi(places[1]), *options, "--out", tmp_path / "both")
     assert done.status == 0 and all(line.startswith("note: ") for line in done.err.splitlines())
     assert sorted(file.name for file in (tmp_path / "both").iterdir()) == ["track-1.csv", "track-slow.csv"]

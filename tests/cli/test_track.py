@@ -49,12 +49,6 @@ def test_verilog_and_model_write_the_same(compiler, follow, rows, tmp_path, mode
     assert but_cycles(written["rtl"]) == written["model"]
     assert len(written["rtl"]) == count or (count is None and len(written["rtl"]) >= 10)
     assert {row["cycles"] for row in written["model"]} == {""}
-    measured = [row for row in written["rtl"] if "degenerate" not in row["flags"]]
-    assert len(measured) > 5
-    for row in measured:
-        # N + T·(n + 16 + L) + constant, from a core of 8×8 px
-        assert int(row["cycles"]) == int(row["events"]) + 15 * (int(row["roi_events"]) + 16 + 19) + 56
-        assert row["iterations"] == "15"
 
 
 def test_the_picture_shows_v_and_how_sure_it_is(command, monkeypatch, tmp_path):
@@ -304,19 +298,14 @@ def test_no_event_in_the_roi(flagged, dot_events):
     assert {(row["roi_x"], row["roi_y"]) for row in found} == {("24", "16")}
 
 
-@pytest.mark.parametrize("engine", ["model", "rtl"])
-def test_windows_without_events(request, flagged, dot_events, engine):
+def test_windows_without_events(flagged, dot_events):
     """Time goes on: a pause of 3 ms in the middle is three empty windows."""
-    if engine == "rtl":
-        request.getfixturevalue("compiler")
     paused = dot_events.t + 3000 * (np.arange(600) >= 300)
-    found, _ = flagged(size=("--batch-us", 1000), engine=engine, t=paused, picture=engine == "model")
+    found, _ = flagged(size=("--batch-us", 1000), t=paused, picture=True)
     assert [row["events"] for row in found] == ["100"] * 3 + ["0"] * 3 + ["100"] * 2
     for row in found[3:6]:
         assert (row["t_ref_us"], row["flags"], row["iterations"], row["cycles"]) == ("", "degenerate", "0", "")
         assert (row["roi_x"], row["vx"]) == (found[6]["roi_x"], found[2]["vx"])
-    if engine == "rtl":
-        assert [bool(row["cycles"]) for row in found] == [True] * 3 + [False] * 3 + [True] * 2
 
 
 def test_a_batch_that_lasts_too_long(flagged, dot_events):

@@ -1,17 +1,15 @@
 """``cmfpga track`` on real recordings."""
 
 import json
-import re
 
 import numpy as np
 import pytest
 
 from cmfpga.cli import track
-from cmfpga.config import Config, preset
+from cmfpga.config import Config
 from cmfpga.engines import make_engine
 from cmfpga.events import BatchCutter, open_recording
 from cmfpga.protocol.flags import Flag
-from cmfpga.rtl.core import Core
 from cmfpga.tracking import loop
 from support.tracks import but_cycles, flags, floats, looks_like_a_track
 
@@ -46,15 +44,6 @@ def test_the_roi_follows_the_star_to_the_right(star):
     np.testing.assert_allclose(np.diff(x), 2 * vx[:-1], atol=1)
     assert (floats(found, "contrast") > 0.5).all()
     looks_like_a_track(folder / "track.png")
-
-
-def test_cycles_of_the_star_are_those_that_build_promises(star):
-    promised = Core(preset("paper")).cycle_formula  # what build writes: tests/cli/test_build.py
-    words, latency, constant = map(int, re.fullmatch(r"N \+ T·\(n \+ (\d+) \+ (\d+)\) \+ (\d+)", promised).groups())
-    assert words == 1024
-    for row in star[2]:
-        n, t, roi_events = int(row["events"]), int(row["iterations"]), int(row["roi_events"])
-        assert t == 100 and int(row["cycles"]) == n + t * (roi_events + words + latency) + constant
 
 
 def test_the_model_follows_the_star_alike_and_the_float_engine_nearly(star, command, rows, tmp_path):
