@@ -126,9 +126,6 @@ def test_info_prints_it(lens, command, data_dir, tmp_path):
     assert needed in told(tmp_path / "bad.h5", "--sensor", "240,180")
 
 
-OTHER = "image_width: 640\nimage_height: 480\nK: [200, 0, 120, 0, 200, 90, 0, 0, 1]\nD: []\n"
-
-
 @pytest.mark.parametrize("camera, options, message", [
     ("none.yaml", [], "none.yaml: no readable calibration (No such file or directory)"),
     ("other.yaml", [], "other.yaml: a camera of 640×480 px; the sensor has 240×180 px"),
@@ -137,7 +134,7 @@ OTHER = "image_width: 640\nimage_height: 480\nK: [200, 0, 120, 0, 200, 90, 0, 0,
     (NUMBERS, ["--set", "undistortion=off"], "camera = '200.0,200.0,120.0,90.0,-0.35,0.12,0.001,-0.0005,0.0': undist"),
 ])  # fmt: skip
 def test_what_is_refused(lens, command, tmp_path, monkeypatch, camera, options, message):
-    (tmp_path / "other.yaml").write_text(OTHER)
+    (tmp_path / "other.yaml").write_text("width: 640\nheight: 480\nK: [200, 0, 120, 0, 200, 90, 0, 0, 1]\nD: []\n")
     monkeypatch.chdir(tmp_path)
     arguments = ["--roi", "30,20", "--batches", 1, "--engine", "model", "--camera", camera, *options]
     assert command(track, lens, *arguments).error.startswith(message)

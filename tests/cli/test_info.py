@@ -16,7 +16,6 @@ from cmfpga.events import Events, generate, open_recording, write_hdf5
 from support.recordings import aedat2_words, write_aedat2
 
 FAST = ["--preset", "fast"]
-TAB_RED = (0.8392, 0.1529, 0.1569)
 NONE = "No proposal: nothing moves clearly and far enough in any 64×64 px."
 DOCS = Path(__file__).parents[2] / "docs" / "recordings.md"
 
@@ -125,10 +124,10 @@ def test_a_sensor_that_nobody_tells(command, scene, tmp_path):
 
 
 def test_a_picture(command, recording, tmp_path):
-    for more, red in (([], True), (["--no-proposal"], False)):
+    for more, red in (([], True), (["--no-proposal"], False)):  # tab:red
         assert command(info, recording, *FAST, *more, "--png", tmp_path / "a.png").status == 0
         pixels = matplotlib.image.imread(tmp_path / "a.png")[..., :3]
-        share = (np.abs(pixels - TAB_RED).max(axis=2) < 0.02).mean()
+        share = (np.abs(pixels - (0.8392, 0.1529, 0.1569)).max(axis=2) < 0.02).mean()
         assert pixels.shape[0] > 500 and (share > 1e-4 if red else share == 0)
 
 

@@ -142,8 +142,7 @@ def test_what_is_not_there(plug, follow, monkeypatch):
     driver.list_devices = Mock(side_effect=RuntimeError("Other error"))
     assert follow("camera:").error == "a camera: USB cannot be used here: Other error"
     monkeypatch.setitem(sys.modules, "neuromorphic_drivers", None)
-    missing = "a camera: neuromorphic_drivers is not installed; pip install 'cmfpga[cameras]'"
-    assert follow("camera:").error == missing
+    assert follow("camera:").error == "a camera: neuromorphic_drivers is not installed; pip install 'cmfpga[cameras]'"
 
 
 def test_a_package_that_was_built_for_another_system(follow, tmp_path, monkeypatch):

@@ -46,8 +46,8 @@ def rows(folder):
 def follow(command, tmp_path):
     """``follow(preset, recording, option, …)``: what ``track`` said, by the model unless told otherwise."""
 
-    def follow(preset, recording, *options, out=tmp_path):
-        done = command(track, recording, "--preset", preset, "--engine", "model", "--out", out, *options)
+    def follow(preset, recording, *options):
+        done = command(track, recording, "--preset", preset, "--engine", "model", "--out", tmp_path, *options)
         assert done.status == 0, done.err
         return done
 

@@ -146,16 +146,13 @@ def test_two_that_are_found(command, tmp_path, two, how):
      "gradient = one_pass is needed; without --preset and --set it can, and with one --roi it need not"),
     ([*TWO, "--preset", "objects", "--set", "regions=1"], "regions = 1: 2 objects need as many; --set regions=2"),
     ([*TWO, "--set", "max_batch_events=1000"], "--batch-events 1500: at most 1000 is allowed (max_batch_events)"),
+    ([*TWO, "--batch-roi-events", 900], "--batch-roi-events: regions share their batches; --batch-events or"),
 ])  # fmt: skip
 def test_mistakes(command, tmp_path, two, asked, message):
-    done = command(track, two[0], *OPTIONS, "--batch-events", 1500, "--batches", 2, "--out", tmp_path, *asked)
+    size = ["--batch-events", 1500, "--batches", 2] if "--batch-roi-events" not in asked else []
+    done = command(track, two[0], *OPTIONS, *size, "--out", tmp_path, *asked)
     assert done.error.startswith(message.replace("PATH", str(two[0])))
     assert done.out == ""
-
-
-def test_batches_by_events_of_one_roi(command, tmp_path, two):
-    done = command(track, two[0], *OPTIONS, *TWO, "--batch-roi-events", 900, "--out", tmp_path)
-    assert done.error == "--batch-roi-events: regions share their batches; --batch-events or --batch-us is needed"
 
 
 @pytest.mark.parametrize("size", [["--batch-events", "700"], ["--batch-us", "30001"]])
