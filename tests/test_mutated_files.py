@@ -38,12 +38,12 @@ class Case:
         self.path, self.change, self.commands, self.content = path, change, commands, path.read_bytes()
 
 
-def _kept(folder, dot):
+def _kept(folder, dot, _):
     assert run(track, dot, *TRACK, "--out", folder, "--report").status == 0
     return Case(folder / FILE, npz_changed, (run, report, folder))
 
 
-def _camera(folder, dot):
+def _camera(folder, dot, _):
     path = folder / "camera.yaml"
     path.write_text(CAMERA)
     return Case(path, yaml_changed, (run, track, dot, *TRACK, "--camera", path, "--out", folder))
@@ -55,7 +55,7 @@ def _hdf5(folder, dot, events):
     return Case(path, hdf5_changed, (run, info, path, "--no-frame"), (run, track, path, *TRACK, "--out", folder))
 
 
-def _store(folder, dot):
+def _store(folder, dot, _):
     command = (run_here, f"{dot}@8,9", *small(), "--engine", "model", "--batches", 3, "--out", folder)
     assert command[0](*command[1:]).status == 0
     (path,) = folder.glob("tasks/*.json")
@@ -64,8 +64,7 @@ def _store(folder, dot):
 
 @pytest.fixture
 def case(request, tmp_path, dot, dot_events):
-    more = [dot_events] if request.param is _hdf5 else []
-    return request.param(tmp_path, dot, *more)
+    return request.param(tmp_path, dot, dot_events)
 
 
 def _peak():
@@ -109,18 +108,16 @@ def survives(case, rng, count):
     return refused
 
 
-KINDS = pytest.mark.parametrize("case", [_kept, _camera, _hdf5, _store], indirect=True)
-QUIETLY = pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of NumPy, where numbers are absurd
+pytestmark = [
+    pytest.mark.parametrize("case", [_kept, _camera, _hdf5, _store], indirect=True),
+    pytest.mark.filterwarnings("ignore::RuntimeWarning"),  # of NumPy, where numbers are absurd
+]
 
 
-@KINDS
-@QUIETLY
 def test_some_changed_files(case, rng):
     survives(case, rng, 12)
 
 
-@KINDS
-@QUIETLY
 def test_many_changed_files(case, rng, long_tools):
     refused = survives(case, rng, 300)
     assert refused > 50 or case.change is json_changed  # what a sweep does not take, it computes again
