@@ -34,27 +34,11 @@ class Holder:
         return levels.levels("")
 
 
-def quick_core():
-    return VerilatedCore(designs.SMALL)
-
-
-def other_core():
-    return VerilatedCore({"a": [OTHER]}["a"][0])
-
-
-def core_of_options():
-    return VerilatedCore(designs.configured(designs.FAST))
-
-
-def nothing():
-    return OTHER, designs.QUICK
-
-
-@pytest.mark.parametrize(
-    ("function", "why"),
-    [(starts, {"process"}), (through, {"process"}), (decorated, {"process"}), (Holder, {"Yosys"}),
-     (quick_core, set()), (core_of_options, set()), (other_core, {"design"}), (nothing, set())],
-)  # fmt: skip
+@pytest.mark.parametrize("function, why", [
+    (starts, {"process"}), (through, {"process"}), (decorated, {"process"}), (Holder, {"Yosys"}),
+    (lambda: VerilatedCore(designs.SMALL), set()), (lambda: VerilatedCore(designs.configured(designs.FAST)), set()),
+    (lambda: VerilatedCore({"a": [OTHER]}["a"][0]), {"design"}), (lambda: (OTHER, designs.QUICK), set()),
+])  # fmt: skip
 def test_what_a_function_asks_for_is_found(function, why):
     found = asks.Asked()
     found._callable(function)
