@@ -178,24 +178,13 @@ def test_half_a_microsecond_of_a_unix_time_is_kept():
     assert batch.row()[1] == "1700000000000000.5"
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return generate(
-        seed=3, width=56, height=48, texture="dense", size=(14, 14), position=(14, 14), velocity=(60.0, 30.0)
-    )
-
-
-SCENE_CONFIG = Config(sensor_width=56, sensor_height=48, roi_width=20, roi_height=20, iterations=40)
-
-
-def follow(engine, scene):
-    cutter = BatchCutter(scene.recording(), duration_us=50_000, max_events=5000)
-    return list(track(engine, cutter, roi=scene.roi_start(20, 20)))
-
-
-def test_the_roi_follows_the_object(scene):
+def test_the_roi_follows_the_object():
     """It moves by 3 and 1.5 px per batch: 24 and 12 px from the first to the last."""
-    batches = follow(FloatEngine(SCENE_CONFIG), scene)
+    how = {"texture": "dense", "size": (14, 14), "position": (14, 14), "velocity": (60.0, 30.0)}
+    scene = generate(seed=3, width=56, height=48, **how)
+    engine = FloatEngine(Config(sensor_width=56, sensor_height=48, roi_width=20, roi_height=20, iterations=40))
+    cutter = BatchCutter(scene.recording(), duration_us=50_000, max_events=5000)
+    batches = list(track(engine, cutter, roi=scene.roi_start(20, 20)))
     assert len(batches) == 9 and batches[0].result.roi == (5, 5)
     for batch in batches:
         result = batch.result
