@@ -70,16 +70,11 @@ def test_inputs_are_left_as_they_were():
         assert values.tolist() == VALUES
 
 
-@pytest.mark.parametrize(
-    "fmt, width, low, high, step, text",
-    [
-        (Q(5, 12), 18, -(1 << 17), (1 << 17) - 1, 2**-12, "Q5.12"),
-        (Q(5, 12, signed=False), 17, 0, (1 << 17) - 1, 2**-12, "UQ5.12"),
-        (Q(0, 4), 5, -16, 15, 1 / 16, "Q0.4"),
-        (Q(-2, 6), 5, -16, 15, 1 / 64, "Q-2.6"),
-        (Q(8, 0, signed=False), 8, 0, 255, 1, "UQ8.0"),
-    ],
-)
+@pytest.mark.parametrize("fmt, width, low, high, step, text", [
+    (Q(5, 12), 18, -(1 << 17), (1 << 17) - 1, 2**-12, "Q5.12"),
+    (Q(5, 12, signed=False), 17, 0, (1 << 17) - 1, 2**-12, "UQ5.12"), (Q(0, 4), 5, -16, 15, 1 / 16, "Q0.4"),
+    (Q(-2, 6), 5, -16, 15, 1 / 64, "Q-2.6"), (Q(8, 0, signed=False), 8, 0, 255, 1, "UQ8.0"),
+])  # fmt: skip
 def test_a_format(fmt, width, low, high, step, text):
     assert (fmt.width, fmt.min, fmt.max, fmt.step, str(fmt)) == (width, low, high, step, text)
     # The raw range fills the width exactly.

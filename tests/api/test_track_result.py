@@ -23,8 +23,6 @@ from cmfpga.tracking.trace import BatchTrace
 from cmfpga.verilog.compiler import find_compiler
 from support.designs import FAST, PAPER
 
-ENGINES = ["rtl", "model", "float"]
-
 
 def follow(recording, engine="model", config=PAPER, **options):
     if engine == "rtl" and find_compiler() is None:
@@ -41,7 +39,7 @@ def test_the_package_shows_what_it_has_and_help_can_tell_its_arguments():
     assert "roi : (int, int)" in cmfpga.track.__doc__
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", ["rtl", "model", "float"])
 def test_arrays_are_the_columns_of_the_csv(command, rows, dot, small, tmp_path, engine):
     tracking = follow(dot, engine)
     options = ["--preset", "paper", "--engine", engine, "--out", tmp_path, "--no-picture"]

@@ -53,12 +53,10 @@ def test_a_tile_begins_where_the_coarse_tile_with_the_nearest_middle_ended():
     assert all(region.start == "given" for region in coarse)  # each window stands on its own
 
 
-SIMILARITY = {"motion": "similarity", "ascent": "sign", "warm": "auto", "schedule_entries": 64}
-
-
 @pytest.mark.parametrize("tile, step, fields, why", [
     (65, None, {}, "4 to 64 px"), (3, None, {}, "4 to 64 px"), (32, 33, {}, "1 to 32 px"), (32, 0, {}, "1 to 32"),
-    (32, None, SIMILARITY, r"^motion = similarity: translation is needed.*; --fit similarity finds"),
+    (32, None, {"motion": "similarity", "ascent": "sign", "warm": "auto", "schedule_entries": 64},
+     r"^motion = similarity: translation is needed.*; --fit similarity finds"),
 ])  # fmt: skip
 def test_what_does_not_fit(tile, step, fields, why):
     with pytest.raises(ConfigError, match=why):

@@ -10,7 +10,6 @@ import pytest
 
 import cmfpga
 
-PACKAGE = Path(cmfpga.__file__).parent
 ROOT = Path(__file__).parents[2]
 
 #: Modules of the package, and what must not be loaded once they are.
@@ -43,12 +42,6 @@ CLEAN = {
 }  # fmt: skip
 
 
-def run(code, folder, *arguments):
-    command = [sys.executable, "-c", code, *arguments]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}  # the suites of `studies` are not installed
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
-
-
 def matches(name, prefix):
     """``prefix`` and what lies below it; one with a dot at its end is only what lies below."""
     return name.startswith(prefix) if prefix.endswith(".") else name == prefix or name.startswith(f"{prefix}.")
@@ -73,8 +66,10 @@ for modules in json.loads(sys.argv[1]):
 @pytest.fixture(scope="module")
 def loaded(tmp_path_factory):
     """``{name: all modules that are loaded}`` of each group of :data:`CLEAN`."""
-    modules = [modules.split() for modules, _ in CLEAN.values()]
-    done = run(PROGRAM, tmp_path_factory.mktemp("imports"), json.dumps(modules))
+    modules = json.dumps([modules.split() for modules, _ in CLEAN.values()])
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}  # the suites of `studies` are not installed
+    how = {"cwd": tmp_path_factory.mktemp("imports"), "env": environment, "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, "-c", PROGRAM, modules], **how, timeout=300)
     assert done.returncode == 0, done.stderr
     return dict(zip(CLEAN, map(str.split, done.stdout.splitlines()), strict=True))
 
@@ -91,6 +86,6 @@ def test_rooms_import_only_what_lies_below():
     from importlinter.api import read_configuration
     from importlinter.cli import lint_imports
 
-    root = PACKAGE.parents[1]
+    root = Path(cmfpga.__file__).parents[2]
     assert len(read_configuration(str(root / "pyproject.toml"))["contracts_options"]) >= 8
     assert lint_imports(config_filename=str(root / "pyproject.toml"), no_cache=True) == 0

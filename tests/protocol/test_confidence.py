@@ -14,7 +14,6 @@ from support.mutation import mutated
 from support.values import required
 
 CONFIG = preset("fast")
-RAW = 3 << (CONFIG.v_frac - 2)
 
 
 def exact(n, limit, shape, contrast, scales=(4, 1)):
@@ -81,15 +80,12 @@ def test_votes_and_derivatives_may_have_other_fractions(fractions):
     assert wrong <= (20 if weight > derivative else 2)
 
 
-@pytest.mark.parametrize(
-    "old, new",
-    [
-        ("a > 0 and 4", "4"), ("> b * b", ">= b * b"), ("4 * a * c", "a * c"),
-        ("by_n * yy - by_limit", "by_n * yy + by_limit"), ("by_n * xx - by_limit", "by_n * yy - by_limit"),
-        ("by_n * cross", "by_n * abs(cross) // 2"), ("value >> drop", "value >> (drop + 5) << 5"),
-        ("bit_length() + 1", "bit_length() + 8"), ("(n, limit)", "(n, limit + 1)"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("old, new", [
+    ("a > 0 and 4", "4"), ("> b * b", ">= b * b"), ("4 * a * c", "a * c"),
+    ("by_n * yy - by_limit", "by_n * yy + by_limit"), ("by_n * xx - by_limit", "by_n * yy - by_limit"),
+    ("by_n * cross", "by_n * abs(cross) // 2"), ("value >> drop", "value >> (drop + 5) << 5"),
+    ("bit_length() + 1", "bit_length() + 8"), ("(n, limit)", "(n, limit + 1)"),
+])  # fmt: skip
 def test_another_comparison_would_be_noticed(old, new):
     mutant = mutated(judge, old, new)
     at_edges = sum(mutant.is_trusted(CONFIG, *case) != exact(*case) for case in EDGES)
@@ -156,7 +152,7 @@ def test_a_short_motion_is_trusted_as_far_as_its_bias_is_covered():
 
 
 def test_the_probes_distance_is_the_same_in_both_arithmetics():
-    assert RAW * CONFIG.formats.v.step == judge.PROBE
+    assert (3 << CONFIG.v_frac - 2) * CONFIG.formats.v.step == judge.PROBE
 
 
 def test_motions_are_probed_nearer_to_zero():

@@ -15,8 +15,6 @@ from support.designs import FAST
 from support.flowing import CAMERA
 from support.small_core import options, sets
 
-NAMES = ["track.mcap", "track.bag", "track"]
-
 
 def following(events, **size):
     recording = MemoryRecording(events, 32, 24)
@@ -49,7 +47,7 @@ def messages(path):
     return found
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["track.mcap", "track.bag", "track"])
 def test_a_bag_has_the_arrays_of_the_track(tracking, tmp_path, name):
     tracking.export(tmp_path / name)
     assert [path.name for path in tmp_path.iterdir()] == [name]

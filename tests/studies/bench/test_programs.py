@@ -263,13 +263,10 @@ def test_a_schedule_of_another_length_is_refused(batch):
         of(batch, iterations=2, schedule=(ScheduleEntry(0, 0),))
 
 
-@pytest.mark.parametrize(
-    ("text", "name"),
-    [
-        ("cpu family\t: 26\nmodel\t\t: 2\nmodel name\t: AMD EPYC\n", "AMD EPYC, family 26, model 2"),
-        ("processor\t: 0\n\nModel\t\t: Raspberry Pi 4\n", "Raspberry Pi 4"),
-    ],
-)
+@pytest.mark.parametrize("text, name", [
+    ("cpu family\t: 26\nmodel\t\t: 2\nmodel name\t: AMD EPYC\n", "AMD EPYC, family 26, model 2"),
+    ("processor\t: 0\n\nModel\t\t: Raspberry Pi 4\n", "Raspberry Pi 4"),
+])  # fmt: skip
 def test_the_processor_says_which_it_is(text, name, monkeypatch):
     """Virtual machines on different processors have the same name."""
     monkeypatch.setattr(programs.Path, "read_text", lambda *_, **__: text)
