@@ -99,16 +99,6 @@ def test_other_recordings_and_other_batches(request, data_dir, command, rows, tm
         assert {row["roi_events"] for row in found} == {"2000"}
 
 
-def test_a_text_recording_as_it_was_published(compiler, data_dir, command, rows, tmp_path):
-    path = data_dir / "original_formats" / "davis240c_slider_depth_0.0s_events.txt"
-    options = ["--roi", "100,60", "--batch-roi-events", 600, "--batches", 2, "--no-picture"]
-    done = command(track, path, *options, "--out", tmp_path)
-    assert done.status == 0 and "taking 240×180 px" in done.err
-    unit = f"note: {path} does not say its unit of time: taking s, a guess; say it with --time-unit\n"
-    assert done.err.startswith(unit)
-    assert [row["roi_events"] for row in rows(tmp_path)] == ["600", "600"]
-
-
 def test_a_real_overflow(data_dir, command, rows, tmp_path):
     """A bright dot with more events than the buffer holds, on another sensor than the default's."""
     how = "--roi 216,85 --batches 2 --engine model --set cold=0:1:1 --set when_full=drop --json".split()
