@@ -78,8 +78,7 @@ def test_data_frame(dot):
     assert list(frame.columns) == list(COLUMNS) and len(frame) == 3
     assert list(tracking.to_arrays()) == list(COLUMNS) and frame["roi_x"].tolist() == tracking.roi_x.tolist()
     assert frame["vx"].tolist() == tracking.vx.tolist()
-    text = frame.to_csv(index=False)
-    assert next(csv.reader(io.StringIO(text))) == list(COLUMNS)
+    assert next(csv.reader(io.StringIO(frame.to_csv(index=False)))) == list(COLUMNS)
     assert pandas.isna(frame["cycles"]).all()
 
 
@@ -113,8 +112,7 @@ def test_what_can_be_tracked(dot, dot_events):
     columns = tuple(getattr(dot_events, name) for name in "txyp")
     for data in (columns, np.stack(columns, axis=1).astype(int), dict(zip("txyp", columns, strict=True))):
         found.append(follow(data, batches=3, sensor=(32, 24)))
-    seconds = (dot_events.t / 1e6, *columns[1:])
-    found.append(follow(seconds, batches=3, sensor=(32, 24), time_unit="s"))
+    found.append(follow((dot_events.t / 1e6, *columns[1:]), batches=3, sensor=(32, 24), time_unit="s"))
     for tracking in found:
         assert tracking.vx.tolist() == expected.vx.tolist() and tracking.contrast.tolist() == expected.contrast.tolist()
 

@@ -93,8 +93,7 @@ def test_tiles_of_a_turning_camera(command, turning, tmp_path):
     (("--truth", "TRUTH", "--flow"), "--roi: none of a track's, and one length of windows, are allowed with --flow"),
 ])  # fmt: skip
 def test_bad_input(command, scene, truth, tmp_path, arguments, message):
-    file = truth(*VELOCITY)
-    given = (str(file) if one == "TRUTH" else one for one in arguments)
+    given = (str(truth(*VELOCITY)) if one == "TRUTH" else one for one in arguments)
     assert message in command(accuracy, scene, *given, *MODEL, "--out", tmp_path / "out").error
     assert not (tmp_path / "out" / "track.csv").exists()
 

@@ -169,8 +169,7 @@ def test_one_module_per_block(files):
     # What else there is belongs to one of them, such as the banks of the accumulator.
     assert all(name.startswith(tuple(expected)) for name in blocks), blocks - expected
     # All that is instantiated is defined, and the other way round.
-    used = set(re.findall(r"^  (cmfpga_core_\w+) +\w+ \(", text, re.MULTILINE))
-    assert used == set(modules) - {"cmfpga_core"}
+    assert set(re.findall(r"^  (cmfpga_core_\w+) +\w+ \(", text, re.MULTILINE)) == set(modules) - {"cmfpga_core"}
 
 
 def test_the_header_names_version_and_configuration(files):
@@ -213,8 +212,7 @@ def test_the_description_is_that_of_the_configuration(files):
     if config.gradient == "sweep":
         assert bits["trace_pixels_0_i"] == (told["I"]["bits"], False)
     untimed = {"ingest_control", "iteration_control", "ascent_schedule", "ascent_velocity", "image", "means"}
-    timed = blocks_of(config) - untimed
-    assert set(info["latencies"]) == {name.removeprefix("image_") for name in timed}
+    assert set(info["latencies"]) == {name.removeprefix("image_") for name in blocks_of(config) - untimed}
     assert all(isinstance(cycles, int) and cycles >= 0 for cycles in info["latencies"].values())
 
 

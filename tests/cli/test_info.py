@@ -51,8 +51,7 @@ def test_text(command, scene, recording):
 
 def test_the_frame(command, scene, recording):
     """The object, and nothing else, is dark; the ROI's corners stand around it."""
-    lines = command(info, recording, *FAST).out.splitlines()
-    frame = [line[1:-1] for line in lines if line.startswith("|")]
+    frame = [line[1:-1] for line in command(info, recording, *FAST).out.splitlines() if line.startswith("|")]
     assert len(frame) == 29 and {len(line) for line in frame} == {78}
     dark = [(x, y) for y, line in enumerate(frame) for x, sign in enumerate(line) if sign in "#%@"]
     x, y = np.array(dark).T * np.array([[240 / 78], [180 / 29]])
@@ -62,8 +61,7 @@ def test_the_frame(command, scene, recording):
 
 
 def test_json(command, scene, recording):
-    done = command(info, recording, *FAST, "--json", "--check", 3)
-    report = json.loads(done.out)
+    report = json.loads(command(info, recording, *FAST, "--json", "--check", 3).out)
     events = scene.events
     assert (report["file"], report["format"], report["sensor"]) == (str(recording), "HDF5", [240, 180])
     assert (report["events"], report["on_events"]) == (len(events), int(events.p.sum()))

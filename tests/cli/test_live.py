@@ -219,8 +219,7 @@ def test_it_is_told_that_nothing_comes(send, follow, dot_events, monkeypatch, tm
     address = send(0.7, HEADS["evt3"], 0.7, evt3(dot_events))
     assert follow(address).err == f"note: {address}: nothing has come for 0.4 s\n" * 2
     os.mkfifo(tmp_path / "pipe")
-    data = HEADS["evt2"] + evt2(dot_events)
-    writer = threading.Timer(0.7, (tmp_path / "pipe").write_bytes, [data])
+    writer = threading.Timer(0.7, (tmp_path / "pipe").write_bytes, [HEADS["evt2"] + evt2(dot_events)])
     writer.start()
     done = follow(tmp_path / "pipe")
     assert (done.status, done.err) == (0, f"note: {tmp_path / 'pipe'}: nothing has come for 0.4 s\n")
@@ -229,8 +228,7 @@ def test_it_is_told_that_nothing_comes(send, follow, dot_events, monkeypatch, tm
 
 def test_sigterm_ends_a_stream(send, follow, dot_events):
     """With a summary, in which each event is tracked or counted."""
-    timer = threading.Timer(0.7, os.kill, [os.getpid(), signal.SIGTERM])
-    timer.start()
+    threading.Timer(0.7, os.kill, [os.getpid(), signal.SIGTERM]).start()
     before = signal.getsignal(signal.SIGTERM)
     done = follow(send(HEADS["evt3"] + evt3(dot_events), 5))
     assert (done.status, done.err) == (0, "note: interrupted; this is the end of the stream\n")
@@ -241,8 +239,7 @@ def test_sigterm_ends_a_stream(send, follow, dot_events):
 def test_sigterm_before_the_first_answer(send, command, tmp_path, rng):
     """What came is tracked as if the stream had ended."""
     events = make_events(rng, 3000, step=40)
-    timer = threading.Timer(0.6, os.kill, [os.getpid(), signal.SIGTERM])
-    timer.start()
+    threading.Timer(0.6, os.kill, [os.getpid(), signal.SIGTERM]).start()
     done = command(track, send(evt2(events), 5), *LARGE, "--json", "--out", tmp_path)
     assert done.status == 0 and "note: interrupted; this is the end of the stream" in done.err
     *lines, last = map(json.loads, done.out.splitlines())

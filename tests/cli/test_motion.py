@@ -177,7 +177,6 @@ def test_the_file_tells_the_truth(turn, grow):
 def test_the_core_is_built_without_a_camera(command, preset, tmp_path):
     """Which shapes no hardware."""
     assert command(build, "--preset", preset, "--out", tmp_path).status == 0
-    info = json.loads((tmp_path / "build-info.json").read_text(encoding="utf-8"))
-    assert info["configuration"]["motion"] == preset
+    assert json.loads((tmp_path / "build-info.json").read_text(encoding="utf-8"))["configuration"]["motion"] == preset
     verilog = (tmp_path / "cmfpga_core.v").read_text(encoding="utf-8")
     assert "\nmodule cmfpga_core_image_one_pass_gradient_moments" in verilog

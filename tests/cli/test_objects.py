@@ -52,8 +52,7 @@ def test_each_is_tracked_as_if_alone(command, tmp_path, two, size):
 def test_batches_suit_the_fastest(command, tmp_path, two):
     """Without an option, and by default on a table of regions that the preset has not."""
     path, places = two
-    done = command(track, path, *map(roi, places), *OPTIONS, "--json", "--out", tmp_path)
-    summary = json.loads(done.out)
+    summary = json.loads(command(track, path, *map(roi, places), *OPTIONS, "--json", "--out", tmp_path).out)
     slow, fast = (entry["median_px_per_half_batch"] for entry in summary["objects"])
     assert 3 <= fast <= 5 and slow == pytest.approx(fast / 2, rel=0.1)
     config = summary["config"]
@@ -64,8 +63,7 @@ def test_summary_and_pictures(command, tmp_path, two):
     """What is shared is told once."""
     path, places = two
     how = ["--preset", "fast", "--engine", "model", "--batch-us", 50_000, "--batches", 2, "--json", "--out", tmp_path]
-    done = command(track, path, *map(roi, places), *how)
-    summary = json.loads(done.out)
+    summary = json.loads(command(track, path, *map(roi, places), *how).out)
     assert list(summary) == ["engine", "batches", "cycles", "objects", "config"]
     assert (summary["batches"], summary["cycles"]) == (2, None)
     for k, entry in enumerate(summary["objects"]):

@@ -218,8 +218,7 @@ def test_nothing_of_the_picture_is_cut(dot, tmp_path):
     assert {"OFF (darker)", "ON (brighter)", "ROI", "recording's clock [s]", "batch 0, 0.050 s"} <= texts
     drawn, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
     assert 0 <= drawn.x0 and drawn.x1 <= width and 0 <= drawn.y0 and drawn.y1 <= height
-    frame = figure.findobj(AxesImage)[0].get_array()
-    assert len({tuple(colour) for colour in frame.reshape(-1, 3)}) == 3
+    assert len({tuple(colour) for colour in figure.findobj(AxesImage)[0].get_array().reshape(-1, 3)}) == 3
 
 
 def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_path):
@@ -268,8 +267,7 @@ def flagged(follow, rows, dot_events, tmp_path):
         assert done.status == status and (status or re.fullmatch(note, done.err))
         found = rows(tmp_path)
         if picture:
-            moves = len({(row["roi_x"], row["roi_y"]) for row in found}) > 1
-            looks_like_a_track(tmp_path / "track.png", moves=moves)
+            looks_like_a_track(tmp_path / "track.png", moves=len({(row["roi_x"], row["roi_y"]) for row in found}) > 1)
         return found, done
 
     return flagged

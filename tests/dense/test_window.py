@@ -22,8 +22,7 @@ def errors(window, true):
 
 
 def true_turn(window):
-    rays = CAMERA.rays(*window.centres.T)
-    return 100.0 * np.einsum("akn,k->na", CAMERA.rotation(*rays), OMEGA)
+    return 100.0 * np.einsum("akn,k->na", CAMERA.rotation(*CAMERA.rays(*window.centres.T)), OMEGA)
 
 
 @pytest.mark.parametrize("engine", ["model", "float"])
@@ -79,8 +78,7 @@ def test_the_flow_between_tiles_is_bilinear_and_fills_what_is_not_trusted(slid):
               zip(slid.tiles.of(slid.result), slid.tiles.corners, strict=True)]  # fmt: skip
     lost = 9  # inside of the grid
     rising[lost] = dataclasses.replace(rising[lost], v=(9.0, 9.0), flags=Flag.DOUBTFUL)
-    coarse = slid.result.regions[: -len(slid.tiles)]
-    told = dataclasses.replace(slid.result, regions=(*coarse, *rising))
+    told = dataclasses.replace(slid.result, regions=(*slid.result.regions[: -len(slid.tiles)], *rising))
     made = Window(0, slid.config, slid.events, told, slid.tiles)
     x, y = np.array([15.5, 40.0, 111.5, 200.0, 15.5]), np.array([15.5, 47.5, 20.0, 15.5, -50.0])
     vx, vy = made.flow_at(x, y)

@@ -47,8 +47,7 @@ def html(site, page):
 
 
 def test_every_page_is_in_the_nav(site):
-    nav = CONFIG[CONFIG.index("\nnav:") :]
-    listed = re.findall(r"([\w/-]+\.md)$", nav, re.MULTILINE)
+    listed = re.findall(r"([\w/-]+\.md)$", CONFIG[CONFIG.index("\nnav:") :], re.MULTILINE)
     assert sorted(listed) == sorted([*PAGES, "kv260.md", "tang_primer_20k.md", "ulx3s.md"])
     assert (site / "index.html").exists()
     start = html(site, "index.md")
@@ -129,7 +128,6 @@ def test_a_broken_link_ends_the_build(tmp_path):
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "index.md").write_text("# A\n\n[b](b.md)\n")
     config = tmp_path / "mkdocs.yml"
-    validation = re.search(r"^validation:\n(  .*\n)+", CONFIG, re.MULTILINE)[0]
-    config.write_text(f"site_name: a\n{validation}")
+    config.write_text("site_name: a\n" + re.search(r"^validation:\n(  .*\n)+", CONFIG, re.MULTILINE)[0])
     status, said = build(config, tmp_path / "site")
     assert status != 0 and "b.md" in said

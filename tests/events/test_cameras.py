@@ -133,8 +133,7 @@ def test_a_description_that_is_no_text(tmp_path):
     """faery would end the process: it is not given such a file."""
     path = tmp_path / "a.aedat4"
     by_faery("aedat")(path, EVENTS)
-    content = path.read_bytes()
-    path.write_bytes(content.replace(b"outInfo", b"out\xff\xfefo", 1))
+    path.write_bytes(path.read_bytes().replace(b"outInfo", b"out\xff\xfefo", 1))
     assert "not a readable AEDAT 4 file" in refusal(path)
 
 

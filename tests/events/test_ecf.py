@@ -105,7 +105,6 @@ def test_without_compression_and_damaged(tmp_path):
     with open_recording(plain) as one, open_recording(packed, sensor=(1280, 720)) as other:
         for name in "txyp":
             assert getattr(next(one.chunks()), name).tolist() == getattr(next(other.chunks()), name).tolist()
-    data = packed.read_bytes()
-    packed.write_bytes(data.replace(base64.b85decode(CHUNKS["rows"])[4:40], bytes(36)))
+    packed.write_bytes(packed.read_bytes().replace(base64.b85decode(CHUNKS["rows"])[4:40], bytes(36)))
     with pytest.raises(RecordingError, match=r"b.h5: events 0 to 39 cannot be read \(truncated or damaged\): ECF: "):
         open_recording(packed)

@@ -178,15 +178,13 @@ def test_bad_content(h5, content, message):
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
 @pytest.mark.parametrize("size", [1, 100])
 def test_times_not_finite(h5, bad, size):
-    t = [0.0, 0.1, bad, 0.2]
-    path = h5({"events/t": t, "events/x": [1] * 4, "events/y": [1] * 4, "events/p": [1] * 4})
+    path = h5({"events/t": [0.0, 0.1, bad, 0.2], "events/x": [1] * 4, "events/y": [1] * 4, "events/p": [1] * 4})
     assert "event 2" in refusal(path, "read", size=size)
 
 
 @pytest.mark.parametrize("x, shown", [(2.5, "2.5"), (np.nan, "nan"), (-1.0, "-1"), (1e9, "1000000000")])
 def test_odd_float_coordinates(h5, x, shown):
-    path = h5({"events": np.array([[0, 1, 1, 1], [1, x, 1, 1]])})
-    assert f"x of event 1 is {shown}" in refusal(path, "read")
+    assert f"x of event 1 is {shown}" in refusal(h5({"events": np.array([[0, 1, 1, 1], [1, x, 1, 1]])}), "read")
 
 
 @pytest.mark.parametrize("options, message", [

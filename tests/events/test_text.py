@@ -208,8 +208,7 @@ def test_archive_without_clear_member(tmp_path, members):
 
 def test_speed(txt, rng):
     events = make_events(rng, 100_000)
-    path = txt(text_lines(*columns(events)))
-    with open_recording(path) as recording:
+    with open_recording(txt(text_lines(*columns(events)))) as recording:
         begin = time.process_time()
         count = sum(map(len, recording.chunks()))
         rate = count / (time.process_time() - begin)
@@ -231,8 +230,7 @@ def test_speed(txt, rng):
 ])  # fmt: skip
 @pytest.mark.parametrize("mark", ["", "\ufeff"], ids=["", "BOM"])
 def test_names_of_columns(txt, header, rows, mark):
-    path = txt(f"{mark}{header}\n{rows}", "a.csv")
-    assert_reads(path, {"t": [1000, 2000], "x": [1, 3], "y": [2, 4], "p": [1, 0]})
+    assert_reads(txt(f"{mark}{header}\n{rows}", "a.csv"), {"t": [1000, 2000], "x": [1, 3], "y": [2, 4], "p": [1, 0]})
 
 
 @pytest.mark.parametrize("content", ["0.001 1 2 1\n0.002 3 4 0", "240 180\n0.001 1 2 1\n0.002 3 4 0\n"])

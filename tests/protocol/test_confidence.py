@@ -117,8 +117,7 @@ def test_confidence_and_covariance_of_a_known_peak():
     n, contrast_of_all = 800, 4096 * 500_000
     hessian = 40_000.0, 90_000.0, 20_000.0  # of −ΣD·… in units of S: −∂²C/∂v² = 2·h/P
     outcome = peak(n, hessian, contrast_of_all)
-    information = [2 * n * 4096 * h / contrast_of_all for h in hessian]
-    xx, yy, xy = information
+    xx, yy, xy = [2 * n * 4096 * h / contrast_of_all for h in hessian]
     wanted = (xx + yy) / 2 - hypot((xx - yy) / 2, xy)
     assert judge.confidence(CONFIG, outcome) == pytest.approx(wanted, rel=1e-3) and wanted > 30
     inverse = np.linalg.inv([[xx, xy], [xy, yy]])
@@ -156,8 +155,7 @@ def test_the_probes_distance_is_the_same_in_both_arithmetics():
 
 
 def test_motions_are_probed_nearer_to_zero():
-    probed = judge.probes_towards_zero((100, -4, 0), 48)
-    assert probed == ((52, -4, 0), (100, 44, 0), (100, -4, -48))
+    assert judge.probes_towards_zero((100, -4, 0), 48) == ((52, -4, 0), (100, 44, 0), (100, -4, -48))
     # Of G = (−3·x, −5·y, −4·z) and crosswise terms, which do not count; z falls by −7 with another sign.
     for gy, least in ((8 - 5 * 48, 3 * 48), (8 + 7, -7)):
         probes = [(9 + 3 * 48, 0, 0), (0, gy, 0), (0, 0, 7 + 4 * 48)]

@@ -132,8 +132,7 @@ def test_time_is_the_number_of_the_cycle(waves, dot, config):
 @CONFIGS
 def test_the_viewers_files_fit(waves, tmp_path, config):
     vcd = waves(config, 1)
-    core = WaveCore(cmfpga.config.preset(config["preset"]))
-    order = ["core", *core.blocks]
+    order = ["core", *WaveCore(cmfpga.config.preset(config["preset"])).blocks]
     saved = (tmp_path / "batch-1.gtkw").read_text()
     assert saved.startswith('[dumpfile] "batch-1.vcd"\n')
     traces = re.findall(r"^(?:\+\{[^}]*\} )?(cmfpga\.[\w.]+)(\[\d+:0\])?$", saved, re.MULTILINE)
@@ -142,10 +141,8 @@ def test_the_viewers_files_fit(waves, tmp_path, config):
         kind, size = vcd.kinds[name]
         assert suffix == ("" if kind == "real" or size == 1 else f"[{size - 1}:0]")
     # Group by group, in the order of data flow.
-    names = re.findall(r"^-(\w+)$", saved, re.MULTILINE)
-    assert names == [name for name in order for _ in range(2)]
-    blocks = [name.split(".")[1] for name, _ in traces]
-    assert list(dict.fromkeys(blocks)) == order
+    assert re.findall(r"^-(\w+)$", saved, re.MULTILINE) == [name for name in order for _ in range(2)]
+    assert [*dict.fromkeys(name.split(".")[1] for name, _ in traces)] == order
     marks = [int(mark) for mark in re.search(r"^\*-3\.0+ (.*)$", saved, re.MULTILINE)[1].split()]
     starts = np.flatnonzero(vcd["event_buffer.replay"]).tolist()
     assert marks[0] == starts[0] and [mark for mark in marks[1:] if mark >= 0] == starts[:26]

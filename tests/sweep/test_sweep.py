@@ -278,8 +278,7 @@ def test_resources_once_per_hardware(recordings, tmp_path, monkeypatch):
     assert run_here(*recordings[:2], *options, *vary).status == 0
     assert len(asked) == 2 == len(set(asked))
     rows = pandas.read_csv(tmp_path / "results.csv")
-    expected = {4: 100, 8: 200}
-    assert rows["resources.lut"].tolist() == [expected[bits] for bits in rows["config.weight_frac"]]
+    assert rows["resources.lut"].tolist() == [{4: 100, 8: 200}[bits] for bits in rows["config.weight_frac"]]
     assert run_here(*recordings, *options, *vary).status == 0
     assert len(asked) == 2
     monkeypatch.setenv("broken", "1")

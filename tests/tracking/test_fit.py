@@ -164,8 +164,7 @@ def test_without_a_trusted_batch_none_becomes_long():
 def test_a_lost_object():
     """The ROI goes on for two batches, then stays; after three in doubt batches are twice as long."""
     batches, _, asked, _ = followed(lambda t: 200 if t < 70_000 else None, first=2000, count=40_000)
-    lengths = [len(batch.events) for batch in batches]
-    assert lengths == [2000, 4000, 4000, 4000, 4000, 8000, 8000]
+    assert [len(batch.events) for batch in batches] == [2000, 4000, 4000, 4000, 4000, 8000, 8000]
     lost = [k for k, batch in enumerate(batches) if Flag.DOUBTFUL in batch.flags]
     rois = [asked[k][2].roi for k in range(len(asked))]
     moved = round(200 * (4000 - 1) * 1e-5)

@@ -60,8 +60,7 @@ def test_verilog_and_model_find_the_same(compiler, size):
         for one, other in zip(rtl, model, strict=True):
             assert without_clock(one.result) == other.result
             assert one.values | {"cycles": None} == other.values and one.plan == other.plan
-    flags = [batch.flags for window in both[0] for batch in window]
-    assert {Flag.DOUBTFUL in one for one in flags} == {True, False}
+    assert {Flag.DOUBTFUL in batch.flags for window in both[0] for batch in window} == {True, False}
     lengths = {len(window[0].events) for window in both[0]}
     assert (0 in lengths, len(lengths) > 1) == ("duration_us" in size, "duration_us" in size or "first" in size)
 
@@ -162,8 +161,7 @@ def test_a_batch_of_another_length_begins_cold_where_the_rows_are():
     table = Table(CONFIG, [Flag.DEGENERATE, Flag(0)])  # the second object alone measured the first batch
     cutter = FittedCutter(recording(EVERY_10_US), CONFIG, first=30, max_events=150)  # 2.2 px: each batch is longer
     windows = [*follow(table, cutter, rois=[(3, 4), (20, 12)], batches=3, consumers=[(), ()])]
-    lengths = [len(window[0].events) for window in windows]
-    assert lengths == [30, 54, 97]
+    assert [len(window[0].events) for window in windows] == [30, 54, 97]
     assert table.written == [{0: (3, 4), 1: (20, 12)}, {0: (4, 4), 1: (21, 12)}, {0: (5, 4), 1: (22, 12)}]
     assert table.cycles == 99
 

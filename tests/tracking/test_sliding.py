@@ -189,8 +189,7 @@ def test_what_lies_far_from_the_roi_says_nothing_of_a_trial(fields):
     scene = generate(seed=6, size=(120, 100), noise=0.2, duration_us=60_000).events
     config = preset("sliding").replace(sensor_width=240, sensor_height=180, **fields)
     with closing(make_engine("model", config)) as engine:
-        objects = _Objects(engine, [(90, 60)], 1)
-        (near,) = objects.trial(scene, None)
+        (near,) = _Objects(engine, [(90, 60)], 1).trial(scene, None)
         (every,) = engine.trial(scene, None)
     assert near.events < len(scene) == every.events and near.thinned == every.thinned
     for name in ("v", "sums", "sum_squares", "curvature", "roi_events", "span", "flags"):

@@ -55,8 +55,7 @@ def test_texts(name, tmp_path):
     (tmp_path / name).write_text(text)
     found = read_calibration(tmp_path / name)
     assert (astuple(found.camera), found.size) == (NINE, size)
-    config = preset("fast").replace(undistortion="on", camera=found.camera.text)
-    assert config.lens == NINE  # to the last bit
+    assert preset("fast").replace(undistortion="on", camera=found.camera.text).lens == NINE  # to the last bit
 
 
 def test_hdf5(tmp_path, data_dir):

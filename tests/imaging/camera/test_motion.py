@@ -54,8 +54,7 @@ def test_a_similarity_grows_and_turns_clockwise():
 def test_there_and_back(config, motion):
     found = rates(config, parameters(config, motion, SPAN), SPAN)
     assert tuple(found) == RATES[config.motion]
-    told = [*found.values()]
-    assert told == pytest.approx([*motion] if config is PINHOLE else [2.0, 0.5, 0.5])
+    assert [*found.values()] == pytest.approx([*motion] if config is PINHOLE else [2.0, 0.5, 0.5])
     assert set(rates(config, (0.0,) * len(config.motion_model.names), 0).values()) == {None}
 
 

@@ -195,8 +195,7 @@ def test_no_batch_is_longer_than_the_recording(data_dir):
 
 
 def test_large_batches_say_what_the_hardware_needs():
-    scene = generate(seed=1, velocity=(60.0, 0.0), duration_us=600_000, contrast=30.0)
-    recording = scene.recording()
+    recording = generate(seed=1, velocity=(60.0, 0.0), duration_us=600_000, contrast=30.0).recording()
     config = FAST.replace(max_batch_events=20_000)
     (found,) = propose(recording, survey_all(recording)[0], config)
     assert found.batch_events > 20_000

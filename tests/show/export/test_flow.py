@@ -19,8 +19,7 @@ X, Y = [0, 5, 10], [0, 4]
 @pytest.fixture
 def flow():
     """Three windows, the second without events; in the last one a tile is too fast for 16 bits."""
-    rng = np.random.default_rng(4)
-    v = rng.normal(0, 300, (3, 6, 2))
+    v = np.random.default_rng(4).normal(0, 300, (3, 6, 2))
     v[2, 4] = 30_000, 0
     trusted = np.array([[1, 1, 0, 1, 1, 1], [0] * 6, [1, 0, 1, 1, 1, 1]])
     v[trusted == 0] = np.nan

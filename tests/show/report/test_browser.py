@@ -47,8 +47,7 @@ def test_every_batch_by_keyboard(opened, kept):
     seen = []
     for _ in kept.details:
         numbers = shown(report)
-        row = kept.rows[int(numbers["batch"])]
-        assert numbers == dict(zip(COLUMNS, row, strict=True))
+        assert numbers == dict(zip(COLUMNS, kept.rows[int(numbers["batch"])], strict=True))
         flags = report.do("return $('flags').textContent")
         assert all(name in flags for name in filter(None, numbers["flags"].split("|")))
         assert flags.startswith("⚠") == bool(Flag.parse(numbers["flags"]).warnings) and "undefined" not in flags
@@ -135,8 +134,7 @@ def test_the_landscape_and_the_path_on_it(opened, turning):
 def test_a_logarithmic_axis_has_more_than_one_tick(opened, turning):
     """Though all is within one power of ten."""
     clock = np.nanmedian(Story(turning, 1.0).cycles) / np.median(turning.spans) / 1.5
-    report = opened(turning, clock).show()
-    assert report.do("return document.querySelectorAll('#margin .ytick').length") > 1
+    assert opened(turning, clock).show().do("return document.querySelectorAll('#margin .ytick').length") > 1
 
 
 def test_the_charts_show_the_columns(opened, kept):

@@ -68,8 +68,7 @@ def test_a_straight_way(config):
     ({"hop_events": 8}, "1 of 1 windows take longer to compute than their hops last, window 0 0.476 ms for 0.200 ms."),
 ])  # fmt: skip
 def test_a_result_of_windows_is_due_with_the_next_hop(fields, says):
-    kept = made_up(preset("sliding").replace(**fields), roi=[(10, 30), (20, 30)], speed=(500, 0))
-    story = Story(kept, 210.0)
+    story = Story(made_up(preset("sliding").replace(**fields), roi=[(10, 30), (20, 30)], speed=(500, 0)), 210.0)
     assert story.lead.endswith(says)
     assert story.notes[-1] == "None of the 1 windows has a warning: nothing unusual happened."
 
@@ -155,8 +154,7 @@ def test_an_object_that_is_lost(config):
 
 def test_what_the_command_was_told_is_not_known(config):
     """So nothing is said of its batch options, not of slow batches either."""
-    kept = made_up(config, roi=[(10 * k, 30) for k in range(6)], speed=(100, 0), flags="short")
-    story = Story(kept, 210.0)
+    story = Story(made_up(config, roi=[(10 * k, 30) for k in range(6)], speed=(100, 0), flags="short"), 210.0)
     assert any(note.startswith("Short: 5 of 5 batches move by less than 1.5 px") for note in story.notes)
     assert not any("batch option" in note for note in story.notes)
 

@@ -53,8 +53,7 @@ def test_synthetic(synthetic, warm):
     ids=["no dither", "full resolution only", "no fine rounds"],
 )
 def test_cold_is_missed_without(config, synthetic):
-    scores = score_errors(config, synthetic[:PART])
-    assert not reaches(scores, **COLD)
+    assert not reaches(score_errors(config, synthetic[:PART]), **COLD)
 
 
 def test_warm_is_missed_from_elsewhere(synthetic):

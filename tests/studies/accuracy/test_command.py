@@ -48,8 +48,7 @@ def test_all_suites_by_two_engines(run, capsys, data_dir, monkeypatch):
 def test_real_batches_run_with_the_configuration_as_it_is(written, capsys, data_dir, monkeypatch):
     """No larger buffer in secret: in the suites, in a study, and in what the bench prints of them."""
     monkeypatch.setattr(real, "WINDOWS", real.WINDOWS[1:2])  # five batches
-    cases = real.real_cases(data_dir)
-    events = [case.facts["roi_events"] for case in cases]
+    events = [case.facts["roi_events"] for case in real.real_cases(data_dir)]
     assert max(events) > FAST.buffer_events
     drop = ("--set", "when_full=drop")
     found = written("--batches", 1, "--data", data_dir, *drop)["results"]["real, model"]
@@ -104,11 +103,9 @@ ONE = "--motion, --flow, --moving: one of them at a time"
 ])  # fmt: skip
 def test_mistakes_get_one_line(arguments, message, run, capsys):
     assert run(*arguments) == 2
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith(f"error: {message}")
+    assert capsys.readouterr().err.splitlines()[-1].startswith(f"error: {message}")
 
 
 def test_every_schedule_of_the_study_fits_the_format():
     for text in (*studies.SCHEDULES, *studies.WARM_SCHEDULES):
-        entries = FAST.replace(cold=text, schedule_entries=64).schedules.cold
-        assert all(isinstance(entry, Round) for entry in entries)
+        assert all(isinstance(entry, Round) for entry in FAST.replace(cold=text, schedule_entries=64).schedules.cold)

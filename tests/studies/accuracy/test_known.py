@@ -39,8 +39,7 @@ def test_the_generated_ones():
 @pytest.mark.usefixtures("long_tools")
 def test_what_is_counted(scene):
     """Trusted are those of the engine; with another truth all of them are wrong."""
-    values = default_use.measure(scene, FAST, "model")["model"]
-    told = default_use.scores(values, 1)
+    told = default_use.scores(default_use.measure(scene, FAST, "model")["model"], 1)
     assert told["batches"] == told["answered"] >= told["trusted"] > 3 * told["wrong_of_trusted"]
     assert told["median_error_of_trusted_px"] < 0.3 and told["median_motion_px"] > 1
     elsewhere = dataclasses.replace(scene, truth=lambda *_: (400.0, 300.0), doubt=100.0)

@@ -28,8 +28,7 @@ def test_the_suite(kind, written, capsys):
 
 def test_the_error_is_that_of_the_flow():
     config = motions.motion_config("similarity", preset("similarity"))
-    away = motions.flow_errors(config, (1.0, 0.0, 0.0, 0.0), np.zeros(4))
-    assert away == pytest.approx((1.0, 1.0))
+    assert motions.flow_errors(config, (1.0, 0.0, 0.0, 0.0), np.zeros(4)) == pytest.approx((1.0, 1.0))
     _, largest = motions.flow_errors(config, (0.0, 0.0, 0.0, 2.0), np.zeros(4))
     assert largest == pytest.approx(2.0 * 63.5 * 2**0.5 / 64)
 

@@ -61,8 +61,7 @@ def right_v(job):
         i, j = ((at + 0.5) / 2 - 0.5 for at in floating.warp(x, y, dt, v))
         inside = (i >= 0) & (j >= 0) & (i < job.width / 2 - 1) & (j < job.height / 2 - 1)
         kept = x[inside], y[inside], dt[inside]
-        now = floating.evaluate(*kept, v, width=job.width, height=job.height, level=LEVEL, border="whole")
-        return now.s.tolist()
+        return floating.evaluate(*kept, v, width=job.width, height=job.height, level=LEVEL, border="whole").s.tolist()
 
     found = [gradient(one) for one in beside(job.v_start, BESIDE)]
     return [v + step for v, step in zip(job.v_start, float_core.newton_step(found, BESIDE, LIMIT), strict=True)]
