@@ -29,7 +29,6 @@ HEADS = {
 }
 ENCODE = {"evt2": evt2, "evt21": lambda events: evt21(events, legacy=True), "evt3": evt3}
 SMALL = options(FAST)
-MODEL = ["--engine", "model", "--roi", "8,9", "--batch-events", 90]
 #: Of :func:`make_events`, without a header.
 LARGE = "--format evt2 --sensor 240,180 --roi 100,60 --engine model --no-picture".split()
 
@@ -61,22 +60,6 @@ def send():
             return f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
         yield send
-
-
-@pytest.fixture
-def follow(command, small, tmp_path):
-    def follow(recording, *arguments, out="live"):
-        return command(track, recording, *MODEL, *small, "--no-picture", "--out", tmp_path / out, *arguments)
-
-    return follow
-
-
-@pytest.fixture(scope="module")
-def expected(command, dot, small, tmp_path_factory):
-    """``track.csv`` of the dot's file."""
-    folder = tmp_path_factory.mktemp("expected")
-    assert command(track, dot, *MODEL, *small, "--no-picture", "--out", folder).status == 0
-    return (folder / "track.csv").read_bytes()
 
 
 @pytest.mark.parametrize("form", HEADS)
