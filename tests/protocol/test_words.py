@@ -77,12 +77,6 @@ def test_by_hand():
     assert packed == [0x12345 << 32 | 1 << 31 | 7 << 16 | 5, (0x12345 + 64) << 32 | 8 << 16 | 6]
 
 
-def test_packed_words_are_a_c_struct():
-    words = encode(Events([1, 2], [3, 4], [5, 6], [0, 0]), "PACKED")
-    struct = np.dtype([("x", "<u2"), ("y", "<u2"), ("t", "<u4")])
-    assert words.astype("<u8").view(struct).tolist() == [(3, 5, 1), (4, 6, 2)]
-
-
 def test_an_odd_word_is_filled_up():
     words = encode(Events([1], [2], [3], [1]), "EVT20")
     assert len(words) == 1  # a time word, and the event
