@@ -8,7 +8,6 @@ import pytest
 
 from cmfpga.dense.neighbours import ORDERLY
 from cmfpga.dense.window import Window
-from cmfpga.events import Events
 from cmfpga.protocol.confidence import Curvature, information
 from cmfpga.protocol.flags import Flag
 
@@ -78,7 +77,3 @@ def test_two_motions_side_by_side_are_both_trusted(slid, angles):
     window = made(slid, lambda k, at: [3.0, -1.0] if at[0] < 64 else [-1.0, 2.0], angles)
     left = np.array(slid.tiles.corners)[:, 0]
     assert window.trusted[left <= 16].mean() > 0.7 and window.trusted[left >= 64].mean() > 0.7
-
-
-def test_a_window_without_events_has_no_neighbours(slid):
-    assert len(dataclasses.replace(slid, events=Events(*[slid.events.t[:0]] * 4)).trusted) == len(slid.tiles)
