@@ -186,14 +186,6 @@ def test_nothing_is_made_up(events):
         require(proposals, 1, recording)
 
 
-def test_no_batch_is_longer_than_the_recording(data_dir):
-    """It ends after 3.5 px per half batch: enough for one batch."""
-    with open_recording(data_dir / "davis240c_dynamic_translation_32.9s.h5") as recording:
-        (found,) = propose(recording, survey_all(recording)[0], FAST)
-    assert found.batch_events == 30_000 and 3.3 < found.px < 3.7
-    assert abs(found.px - math.hypot(*found.px_per_s) * found.batch_us / 2e6) < 0.1
-
-
 def test_large_batches_say_what_the_hardware_needs():
     recording = generate(seed=1, velocity=(60.0, 0.0), duration_us=600_000, contrast=30.0).recording()
     config = FAST.replace(max_batch_events=20_000)
