@@ -96,10 +96,6 @@ def test_not_read(tmp_path, header, message):
     assert re.search(f"^: .*{re.escape(message)}", refusal(write_aedat2(tmp_path / "a.aedat", WORDS, header)))
 
 
-def test_no_events(tmp_path):
-    assert "no events" in refusal(write_aedat2(tmp_path / "a", np.array([(1 << 31, 5)])))
-
-
 # -------------------------------------------------------------------- AEDAT 3.1
 
 HEADER_3 = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DVS128\r\n#!END-HEADER\r\n"
