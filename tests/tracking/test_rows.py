@@ -1,5 +1,7 @@
 """Several objects on one accelerator: rows of a table of regions, and scenes in which objects cross, leave and stop."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -242,17 +244,15 @@ def test_hardware_that_cannot_have_regions(config, message):
 def test_the_fastest_that_is_trusted_chooses_the_length():
     """Object 1 moves by 8 px: half as many events; in doubt, object 0 with 2 px: twice as many."""
 
+    known = {"events": 60, "span": 600, "roi_events": 9, "outside": 51, "confidence_limit": 90, "iterations": 1}
+
+    def batch(v, trusted):
+        moved = {"v": (v, 0.0), "roi": (0, 0), "roi_next": (0, 0), "flags": Flag(0) if trusted else Flag.DOUBTFUL}
+        return SimpleNamespace(result=BatchResult(**required("batch", "region", **known, **moved)))
+
     def after(*trusted):
         cutter = FittedCutter(recording(EVERY_10_US), CONFIG, first=60, max_events=150)
-        batches = []
-        for v, sure in zip((2.0, 8.0), trusted, strict=True):
-            known = {"flags": Flag(0) if sure else Flag.DOUBTFUL, "confidence_limit": 90, "iterations": 1}
-            result = BatchResult(**required(
-                "batch", "region", events=60, span=600, v=(v, 0.0), roi=(0, 0), roi_next=(0, 0), roi_events=9,
-                outside=51, **known,
-            ))  # fmt: skip
-            batches.append(type("Batch", (), {"result": result}))
-        cutter.add(batches)
+        cutter.add(list(map(batch, (2.0, 8.0), trusted)))
         return cutter.size
 
     assert [after(True, True), after(True, False), after(False, True), after(False, False)] == [30, 120, 30, 60]

@@ -265,7 +265,6 @@ def test_the_tracker_finds_the_same_in_pieces(scene, tracked):
     ({"batch_events": 500}, "batch_events: windows = batches is needed; windows = sliding has none"),
     ({"preset": "fast", "every": 2}, "every = 2: windows = sliding is needed"),
     ({"every": 0}, "every = 0: an integer of 1 or more is needed"),
-    ({"preset": "fast", "window_events": 5}, "window_events = 5: windows = sliding is needed; windows = batch"),
     ({"engine": "float"}, "engine float: windows = batches is needed; rtl and model have windows that slide"),
 ])  # fmt: skip
 def test_what_is_refused(scene, wrong, message):
