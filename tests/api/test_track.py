@@ -81,7 +81,6 @@ def test_mistakes(dot_events):
         (Events(dot_events.t[80:82], [3, 32], [4, 4], [0, 1]), "x of event 81 is 32; 0 to 31 is allowed"),
         (np.zeros((3, 5)), "events: ndarray of 3×5; \\(t, x, y, p\\)"),
         (np.zeros(3, [("t", int), ("x", int)]), "events: y and p missing"),
-        ((dot_events.t, [1], [1], [1]), "t, x, y and p must have one length"),
         ([[50_800, 1, 1, 0], [50_801, 1, 1, 7]], "events: polarity of event 1 is 7; 0 and 1, -1 and 1, or 1 and 2 are"),
         ([[50_800, 1, 1, 1], [50_801, -2, 1, 1]], "Events: x of event 1 is -2; 0 to 65535 is allowed"),
         ([[np.nan, 1, 1, 1]], "Events: time stamp of event 0 is nan; a finite number is needed"),
