@@ -194,14 +194,6 @@ def test_a_folder_where_a_file_is_to_be(command, dot, small, tmp_path, name):
     assert command(*arguments, "--out", tmp_path).error == f"{tmp_path / name}: Is a directory"
 
 
-def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("CMFPGA_CACHE", str(tmp_path / "file"))
-    done = command(track, dot, *DOT, *BATCHES, *small, "--out", tmp_path)
-    if done.status:  # there is a compiler
-        assert done.error.startswith(f"{tmp_path / 'file'}: cannot be made, for compiled simulators: ")
-
-
 @pytest.mark.parametrize("arguments, message", [
     (["--preset", "fast", "--set", "warm="], "warm: 0 iterations: 1 to 32 are needed (schedule_entries)"),
     (["--set", "max_iterations=2"], "cold: 5 iterations; at most 2 are allowed (max_iter"),

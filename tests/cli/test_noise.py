@@ -123,7 +123,6 @@ def test_the_text_says_what_was_dropped(command, noisy, tmp_path):
      "--hot-pixels nowhere.txt: auto, none, X,Y;X,Y, or a text file is needed (No such "),
     (["--background-us", "9000000"], "background_us = 9000000: at most 8388607 is allowed (span_bits)"),
     (["--background-us", "-1"], "argument --background-us: '-1': a whole number of 0 or more is needed"),
-    (["--set", "background_us=5"], "background_us = 5: background = 1 is needed; background = 0 ignores it"),
     (["--background-us", "5", "--wave", "0", "--engine", "model"], "--wave: one batch by itself does not know"),
 ])  # fmt: skip
 def test_what_is_refused(command, noisy, tmp_path, options, message):

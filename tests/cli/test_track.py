@@ -86,15 +86,6 @@ def test_the_picture_shows_v_and_how_sure_it_is(command, monkeypatch, tmp_path):
             assert extent[k] == pytest.approx(5.991**0.5 * sd * seconds, abs=0.01)
 
 
-def test_the_float_engine(follow, rows, tmp_path):
-    done = follow(engine="float")
-    assert done.status == 0 and "6 batches tracked (float engine), " in done.out and "cycles" not in done.out
-    assert ", 60 events left over" in done.out
-    assert done.out.splitlines()[-2:] == [f"wrote {tmp_path / name}" for name in ("track.csv", "track.png")]
-    assert {row["cycles"] for row in rows(tmp_path)} == {""}
-    looks_like_a_track(tmp_path / "track.png")
-
-
 def test_batches_begin_where_they_are_told_and_stop(follow, rows, dot_events, tmp_path):
     done = follow("--start-event", 123, "--batches", 3, "--no-picture", size=("--batch-events", 50))
     assert done.status == 0 and "3 batches tracked" in done.out
