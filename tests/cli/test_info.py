@@ -3,7 +3,6 @@
 import json
 import re
 import shlex
-import statistics
 from pathlib import Path
 
 import matplotlib.image
@@ -208,7 +207,7 @@ def row_of(found):
     return [
         "{},{}".format(*found["roi"]), f"{found['start_event']:,}", f"{found['batch_events']:,}",
         f"{found['batch_us'] / 1e3:,.3g}", "{:,.0f}, {:,.0f}".format(*found["px_per_s"]),
-        f"{statistics.median(px):.1f} ({min(px):.1f} to {max(px):.1f}; {len(px)})",
+        f"{np.median(px):.1f} ({min(px):.1f} to {max(px):.1f}; {len(px)})",
     ]  # fmt: skip
 
 
