@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.config.schedule import Round
 from cmfpga.engines import make_engine
 from studies.accuracy import bias, large, real, studies, suites, table
 
@@ -104,8 +103,3 @@ ONE = "--motion, --flow, --moving: one of them at a time"
 def test_mistakes_get_one_line(arguments, message, run, capsys):
     assert run(*arguments) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith(f"error: {message}")
-
-
-def test_every_schedule_of_the_study_fits_the_format():
-    for text in (*studies.SCHEDULES, *studies.WARM_SCHEDULES):
-        assert all(isinstance(entry, Round) for entry in FAST.replace(cold=text, schedule_entries=64).schedules.cold)
