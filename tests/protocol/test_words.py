@@ -9,7 +9,7 @@ from cmfpga.errors import RecordingError
 from cmfpga.events.arrays import Events
 from cmfpga.events.evt import EvtDecoder
 from cmfpga.protocol.registers import FORMATS
-from cmfpga.protocol.words import encode, encode_evt20, encode_evt21, read_raw, swap_halves
+from cmfpga.protocol.words import encode, encode_evt20, encode_evt21, read_raw
 from cmfpga.reference.wire import decode, to_beats
 
 CONFIG = Config()
@@ -82,11 +82,6 @@ def test_an_odd_word_is_filled_up():
     assert len(words) == 1  # a time word, and the event
     words = encode(Events([1, 1], [2, 4], [3, 3], [1, 1]), "EVT20")
     assert words.view("<u4")[3] >> 28 == 8
-
-
-def test_halves(rng):
-    words = rng.integers(0, 1 << 63, 9).astype(np.uint64)
-    assert np.array_equal(swap_halves(words), words.view("<u4").reshape(-1, 2)[:, ::-1].reshape(-1).view("<u8"))
 
 
 @pytest.mark.parametrize(
