@@ -86,16 +86,6 @@ def test_the_picture_shows_v_and_how_sure_it_is(command, monkeypatch, tmp_path):
             assert extent[k] == pytest.approx(5.991**0.5 * sd * seconds, abs=0.01)
 
 
-def test_batches_begin_where_they_are_told_and_stop(follow, rows, dot_events, tmp_path):
-    done = follow("--start-event", 123, "--batches", 3, "--no-picture", size=("--batch-events", 50))
-    assert done.status == 0 and "3 batches tracked" in done.out
-    found = rows(tmp_path)
-    assert floats(found, "t_ref_us").tolist() == [float(dot_events.t[123 + 50 * k]) + 245 for k in range(3)]
-    # All the events of the first ROI, counted here.
-    x, y = dot_events.x[123:173].astype(int) - 8, dot_events.y[123:173].astype(int) - 9
-    assert int(found[0]["roi_events"]) == ((x >= 0) & (x < 8) & (y >= 0) & (y < 8)).sum()
-
-
 def test_the_defaults(command, rows, tmp_path):
     """Windows that slide, ./cmfpga-track; without confidence batches of 5000 events, which a note says.
 
@@ -264,12 +254,6 @@ def flagged(follow, rows, dot_events, tmp_path):
     return flagged
 
 
-def test_a_full_buffer(flagged):
-    found, done = flagged("--set", "buffer_events=16", picture=True)
-    assert flags(found)[:3] == ["overflow"] * 3 and {row["roi_events"] for row in found[:3]} == {"16"}
-    assert f"{sum(map(bool, flags(found)))} with warnings" in done.out
-
-
 def test_all_events_at_one_moment(flagged):
     note = "note: .*: 100% of the first 600 events share the time 77 µs, so no motion .* too coarse\\?\n"
     found, _ = flagged(t=np.full(600, 77), picture=True, note=note)
@@ -295,13 +279,6 @@ def test_windows_without_events(flagged, dot_events):
     for row in found[3:6]:
         assert (row["t_ref_us"], row["flags"], row["iterations"], row["cycles"]) == ("", "degenerate", "0", "")
         assert (row["roi_x"], row["vx"]) == (found[6]["roi_x"], found[2]["vx"])
-
-
-def test_a_batch_that_lasts_too_long(flagged, dot_events):
-    found, _ = flagged("--set", "span_bits=12", t=dot_events.t * 10)
-    # 41 events of 100 µs each are within 4095 µs, so t_ref is at 2000 µs.
-    assert all("time_span" in text for text in flags(found))
-    assert floats(found, "t_ref_us").tolist() == [500_000.0 + 9000 * k + 2000 for k in range(6)]
 
 
 def test_as_users_run_it(compiler, process, rows, dot, small, tmp_path):
