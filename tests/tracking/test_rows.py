@@ -8,7 +8,7 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.engines import Engine, make_engine
 from cmfpga.errors import ConfigError
-from cmfpga.events import BatchCutter, Events, Feed, generate
+from cmfpga.events import BatchCutter, Events, generate
 from cmfpga.events.columns import MemoryRecording
 from cmfpga.imaging.camera import RATES
 from cmfpga.protocol.flags import Flag
@@ -81,13 +81,6 @@ def test_objects_that_grow_and_turn_are_the_same_by_all_engines(compiler):
     assert len({len(window[0].events) for window in model}) > 1
 
 
-def test_an_object_is_tracked_as_if_alone():
-    together, _ = followed("model", CONFIG, scenes(), ROIS, events=120)
-    for k, roi in enumerate(ROIS):
-        alone, _ = followed("model", CONFIG, scenes(), [roi], events=120)
-        assert [window[k].values for window in together] == [window[0].values for window in alone]
-
-
 def test_a_row_that_is_never_in_doubt_is_one_row_of_the_model():
     """Written once, it follows by itself."""
     config = CONFIG.replace(judge=0)
@@ -99,18 +92,6 @@ def test_a_row_that_is_never_in_doubt_is_one_row_of_the_model():
         result = engine.run(cutter.next(), BatchSettings.from_config(config, (0, 0)))[0]
         assert [batch.result.regions[0] for batch in window] == [*result.regions]
     assert cutter.next() is None and len(found) > 4
-
-
-def test_a_stream_waits_for_events():
-    feed, recording = Feed((40, 30), "made up"), scenes()
-    (events,) = recording.chunks()
-    engine = make_engine("model", CONFIG)
-    running = follow(engine, batch_cutter(feed, CONFIG, events=100), rois=ROIS[:2], consumers=[(), ()])
-    assert next(running) is None
-    feed.push(events[:101])
-    assert [batch.index for batch in next(running)] == [0, 0] and next(running) is None
-    feed.end()
-    assert [*running] == []
 
 
 class Table(Engine):
