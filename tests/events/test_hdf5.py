@@ -55,13 +55,6 @@ def test_layouts(h5, rng, layout):
     assert recording.num_events == 1000 and (" " in layout or recording.time_unit == "us")
 
 
-def test_table_in_another_order(h5, rng):
-    events = make_events(rng)
-    assert_reads(h5(table(events, "int64", "xytp")), events)
-    backwards = {name: values[::-1] for name, values in table(events, "int64").items()}
-    assert "columns t, x, y, p" in refusal(h5(backwards), "read")
-
-
 @pytest.mark.parametrize("prefix", ["cam0/", "prophesee/left/"])
 def test_the_only_events_are_found_anywhere_or_named(h5, rng, prefix):
     events, other = make_events(rng), make_events(rng)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cmfpga.errors import ConfigError, RecordingError
-from cmfpga.events import Motion, Scene, generate, synthetic, write_hdf5
-from support.recordings import assert_reads, assert_same, read_all
+from cmfpga.events import Motion, Scene, generate, synthetic
+from support.recordings import assert_same, read_all
 
 
 def image(x, y, shape=(180, 240)):
@@ -156,14 +156,12 @@ def test_roi_start_too_large():
         generate(duration_us=1000).roi_start(241, 64)
 
 
-def test_recording_and_file(tmp_path):
+def test_a_scene_as_a_recording():
     made = generate(Scene(seed=3, texture="dense"))
     with made.recording() as recording:
         assert (recording.width, recording.height) == (240, 180)
         assert "dense, seed 3" in recording.name
         assert_same(read_all(recording), made.events)
-    write_hdf5(tmp_path / "a.h5", made.events, made.scene.width, made.scene.height, vx=100.0)
-    assert_reads(tmp_path / "a.h5", made.events)
 
 
 @pytest.mark.parametrize("fields, message", [
