@@ -226,9 +226,3 @@ def test_a_page_that_is_damaged_says_so(opened, turning):
     report.browser.get(report.path.as_uri())
     report.wait("!$('problem').hidden")
     assert "cannot draw the page" in report.do("return $('problem').textContent")
-
-
-def test_nothing_is_fetched(opened, turning):
-    report = opened(turning).show()
-    fetched = "performance.getEntriesByType('resource').map(r => r.name)"
-    assert report.do(f"return {fetched}.filter(name => !/^(data|blob):/.test(name))") == []
