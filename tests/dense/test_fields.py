@@ -19,14 +19,12 @@ TRUE = {
 }
 
 
-def made(model, rng, count=100, noise=0.0, sigma=(5.0, 5.0), turn=0.0):
-    """A window as far as the fit looks at it: tiles with a known field, and noise of ``sigma`` px/s along two axes."""
+def made(model, rng, count=100, noise=0.0, sigma=(5.0, 5.0)):
+    """A window as far as the fit looks at it: tiles with a known field, and noise of ``sigma`` px/s along x and y."""
     at = rng.uniform((0, 0), (239, 179), (count, 2))
-    axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    spread = axes @ np.diag(np.square(sigma)) @ axes.T
     v = np.einsum("apn,p->na", basis(model, CONFIG, at), TRUE[model])
-    v = v + noise * rng.standard_normal((count, 2)) * sigma @ axes.T
-    covariance = np.tile((spread[0, 0], spread[1, 1], spread[0, 1]), (count, 1))
+    v = v + noise * rng.standard_normal((count, 2)) * sigma
+    covariance = np.tile((*np.square(sigma), 0.0), (count, 1))
     return types.SimpleNamespace(
         config=CONFIG, centres=at, px_per_s=v, uncertainty=covariance, sure=np.ones(count, bool),
         half_s=np.inf,  # then nothing is added to these
