@@ -16,7 +16,6 @@ import pytest
 
 import cmfpga
 from cmfpga.cli import info, track
-from cmfpga.errors import RecordingError
 from cmfpga.events import Events, LiveSource
 from support.designs import FAST, PAPER
 from support.recordings import evt2, evt3, evt21, make_events
@@ -271,8 +270,6 @@ def test_from_python(send, dot, dot_events):
     how = {"roi": (8, 9), "batch_events": 90, "engine": "model", **PAPER}
     tracking = cmfpga.track(send(evt2(dot_events)), form="evt2", sensor=(32, 24), **how)
     assert tracking.vx.tolist() == cmfpga.track(dot, **how).vx.tolist()
-    with pytest.raises(RecordingError, match="its events cannot be read again"):
-        tracking.trace(0)
 
 
 def test_a_stream_is_closed_while_nothing_comes(send):
