@@ -184,7 +184,6 @@ def test_a_folder_where_a_file_is_to_be(command, dot, small, tmp_path, name):
 
 @pytest.mark.parametrize("arguments, message", [
     (["--preset", "fast", "--set", "warm="], "warm: 0 iterations: 1 to 32 are needed (schedule_entries)"),
-    (["--set", "max_iterations=2"], "cold: 5 iterations; at most 2 are allowed (max_iter"),
     (["paper"], "unrecognized arguments: paper" + HINT),
     (["--roi", "1,2"], "unrecognized arguments: --roi 1,2" + HINT),
     (["--set", "evt3=1"], "evt3 = 1: cmfpga_core takes events, not words; a board's top decodes them: --top kv260"),

@@ -150,7 +150,6 @@ def test_the_page_holds_the_windows(command, slide, tmp_path):
     (["--window-events", 5, "--window-us", 5], "not allowed with"),
     (["--slices", 3], "windows of 3 slices: a length (window_events, window_us) is needed"),
     (["--slices", 0], "a whole number of 1 or more is needed"),
-    (["--slices", 17, "--window-us", 1700], "slices = 17"),
     (["--slices", 2, "--window-us", 8000, "--background-us", 99], "background = 0 is needed"),
 ])  # fmt: skip
 def test_what_is_refused(command, slide, tmp_path, told, why):
