@@ -14,7 +14,6 @@ ROOT = Path(__file__).parents[2]
 
 #: Modules of the package, and what must not be loaded once they are.
 CLEAN = {
-    "config": ("cmfpga.config cmfpga.fixed cmfpga.errors", "amaranth numpy torch h5py"),
     "contract": ("cmfpga.protocol.settings cmfpga.protocol.results",
                  "amaranth numpy torch cmfpga.protocol.registers"),
     "trace": ("cmfpga.protocol.trace", "amaranth torch"),
@@ -24,7 +23,6 @@ CLEAN = {
     "wire": ("cmfpga.reference.wire", "amaranth torch"),
     "events": ("cmfpga.events cmfpga.imaging.iwe", "amaranth torch matplotlib faery"),
     "tracking": ("cmfpga.tracking.loop cmfpga.tracking.kept", "amaranth torch matplotlib cmfpga.show.report"),
-    "reference": ("cmfpga.reference.floating cmfpga.reference.integer.core", "amaranth"),
     "rtl": ("cmfpga.rtl.top cmfpga.rtl.axi.top cmfpga.rtl.uart.top cmfpga.verilog.emit",
             "torch cmfpga.reference cmfpga.engines cmfpga.events"),
     "engines": ("cmfpga.engines cmfpga.engines.rtl", "torch"),
