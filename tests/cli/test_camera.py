@@ -63,7 +63,6 @@ def test_the_undistorted_track_is_right_and_the_distorted_one_is_not(lens, track
 
 
 def test_every_output_says_which_image(lens, tracked, tmp_path):
-    pytest.importorskip("plotly")
     said = tracked("--roi", "{},{}".format(*ROI), "--camera", NUMBERS, "--report")
     assert f"\nROI and velocity are in the undistorted image: {CAMERA}\n" in said
     head, *rows = (tmp_path / "track.csv").read_text().splitlines()

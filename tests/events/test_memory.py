@@ -165,7 +165,6 @@ def test_writing_takes_no_more_memory_for_longer_recordings(lengths):
 @pytest.mark.parametrize("name", ["track", "info"])
 def test_commands_take_no_more_memory_for_longer_recordings(lengths, tmp_path, name):
     """13 bytes an event would be all of them; what grows with each batch is a line of the CSV, and little else."""
-    pytest.importorskip("torch")
     options = ["--preset", "fast"]
     if name == "track":
         options += ["--roi", "88,58", "--engine", "model", "--batch-us", 50_000, "--set", "cold=0:1:1", "--set",

@@ -10,10 +10,8 @@ from cmfpga.config import preset
 from cmfpga.dense.fields import scene
 from cmfpga.dense.tiles import grid
 from cmfpga.protocol.settings import BatchSettings
-from studies.bench import flow, main
-
-pytest.importorskip("torch")
 from cmfpga.reference.regions import RegionSequence
+from studies.bench import flow, main
 from support.opponents import made
 from support.steps import StepCore
 

@@ -5,18 +5,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+import torch
 from studies.bench.cases import MOTION_PX, make_workload
 from studies.bench.opponents import Job
 from studies.bench.opponents.c_program import HopProgram
 
 from cmfpga.events import Events
 from cmfpga.protocol.confidence import beside
-from studies.bench import hops
-
-pytest.importorskip("torch")
-import torch
-
 from cmfpga.reference import float_core, floating
+from studies.bench import hops
 from support.opponents import broken, made
 
 #: The round 1:3/4:1.

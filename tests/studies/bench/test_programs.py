@@ -10,10 +10,8 @@ from studies.bench.opponents import CProgram, Job, Unavailable, c_program, make_
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.events import Events
-from studies.bench import programs
-
-pytest.importorskip("torch")
 from cmfpga.reference import float_core, floating
+from studies.bench import programs
 from support import steps
 from support.opponents import broken, made
 
