@@ -50,15 +50,6 @@ def schedule_table(config):
     return tuple(ScheduleEntry(*entry[:3]) for entry in entries)
 
 
-KINDS = {}
-
-
-def kind(function):
-    """Register ``function(make, roi)``: a dictionary of a :class:`Batch`'s fields, with ``pixels`` for x and y."""
-    KINDS[function.__name__] = function
-    return function
-
-
 class Maker:
     """Makes the batches one after the other; knows where the model's ROI is by then."""
 
@@ -139,19 +130,6 @@ class Maker:
         return Batch(x=x, y=y, **{**fields, **changes})
 
 
-@kind
-def steady(make, roi):
-    """Events in and around the ROI, one per cycle."""
-    return {"pixels": make.mixed(make.n, roi)}
-
-
-@kind
-def thinned(make, roi):
-    """Only every third ROI event is stored."""
-    return {"pixels": make.mixed(make.n, roi), "settings": {"thinning": 3}}
-
-
-@kind
 def hesitant(make, roi):
     """Gaps between the events, and a result that waits for long."""
     gaps = make.rng.integers(0, 6, make.n) * (make.rng.random(make.n) < 0.4)
@@ -159,7 +137,6 @@ def hesitant(make, roi):
     return {"pixels": make.inside(make.n, roi), "gaps": gaps, "stall": 40}
 
 
-@kind
 def repeated(make, roi):
     """The same few pixels again after 1, 2, … 6 events, for the forwarding, and a step as large as can be."""
     x, y = make.inside(6, roi)
@@ -169,14 +146,12 @@ def repeated(make, roi):
     return {"pixels": (x[order], y[order]), "settings": settings}
 
 
-@kind
 def degenerate(make, roi):
     """Fewer ROI events than asked for: neither v nor the ROI changes."""
     least = min(8, make.config.buffer_events)
     return {"pixels": make.inside(max(1, least - 1), roi), "settings": {"min_roi_events": least}}
 
 
-@kind
 def borders(make, roi):
     """Events on both sides of the ROI's border, and a v that throws many of them out."""
     config, rng, n = make.config, make.rng, make.n
@@ -191,68 +166,27 @@ def borders(make, roi):
     return {"pixels": pixels, "settings": {"start_last": False, "v_start": v}}
 
 
-@kind
 def reset_in_iterations(make, roi):
     """A reset while the banks hold votes."""
-    settings = {"iterations": min(3, make.config.max_iterations)}
-    return {
-        "pixels": make.inside(make.n, roi),
-        "settings": settings,
-        "reset_at": make.rng.uniform(0.3, 0.9),
-        "alone": True,
-    }
+    pixels, settings = make.inside(make.n, roi), {"iterations": min(3, make.config.max_iterations)}
+    return {"pixels": pixels, "settings": settings, "reset_at": make.rng.uniform(0.3, 0.9), "alone": True}
 
 
-@kind
-def after_reset(make, roi):
-    """No ROI is loaded and v is the last one: both must be zero after the reset."""
-    return {"pixels": make.inside(make.n, (0, 0)), "settings": {"roi": None, "start_last": True}, "alone": True}
-
-
-@kind
-def overfull(make, roi):
-    """More ROI events than the buffer holds."""
-    x, y = make.inside(make.config.buffer_events + 10, roi)
-    return {"pixels": (x, y), "settings": {"iterations": 1}}
-
-
-@kind
-def strided(make, roi):
-    """As many events as the largest stride needs, where the buffer holds them."""
-    return {"pixels": make.inside(min(4 * FEWEST, make.config.buffer_events), roi)}
-
-
-@kind
 def odd_times(make, roi):
     """Time stamps that wrap, step back, and lie beyond the span."""
-    config, rng = make.config, make.rng
-    n = make.n
+    config, rng, n = make.config, make.rng, make.n
     t = np.cumsum(rng.integers(0, 40, size=n)) + (1 << config.time_bits) - 10 * n
     t[rng.integers(n, size=4)] -= 300
     t[rng.integers(n // 2, n, size=4)] += 1 << config.span_bits
     return {"pixels": make.mixed(n, roi), "t": t}
 
 
-@kind
 def counted(make, roi):
     """A batch that ends by its length: the largest one, where that does not take long."""
     most = make.config.max_batch_events
     return {"pixels": make.inside(most if most < 3000 else make.n, roi), "by_count": True}
 
 
-@kind
-def nothing_to_iterate(make, roi):
-    """T = 0."""
-    return {"pixels": make.inside(20, roi), "settings": {"iterations": 0}}
-
-
-@kind
-def one_instant(make, roi):
-    """All events at one time: the range that everything is divided by is zero."""
-    return {"pixels": make.inside(20, roi), "t": np.full(20, 5)}
-
-
-@kind
 def outside_the_sensor(make, roi):
     """An ROI that is asked for where it does not fit, and followed with the largest gain."""
     config = make.config
@@ -260,3 +194,25 @@ def outside_the_sensor(make, roi):
     gain = config.formats.roi_gain.max
     # The corner is limited to the sensor, so the events have to lie there.
     return {"pixels": make.inside(make.n, clamp_roi(config, corner)[0]), "settings": {"roi": corner, "roi_gain": gain}}
+
+
+#: ``{name: function(make, roi)}``, a dictionary of a :class:`Batch`'s fields, with ``pixels`` for x and y.
+KINDS = {
+    "steady": lambda make, roi: {"pixels": make.mixed(make.n, roi)},
+    "thinned": lambda make, roi: {"pixels": make.mixed(make.n, roi), "settings": {"thinning": 3}},
+    **{make.__name__: make for make in (hesitant, repeated, degenerate, borders, reset_in_iterations)},
+    # No ROI is loaded and v is the last one: both must be zero.
+    "after_reset": lambda make, _: {
+        "pixels": make.inside(make.n, (0, 0)), "settings": {"roi": None, "start_last": True}, "alone": True,
+    },
+    "overfull": lambda make, roi: {
+        "pixels": make.inside(make.config.buffer_events + 10, roi), "settings": {"iterations": 1},
+    },
+    "strided": lambda make, roi: {"pixels": make.inside(min(4 * FEWEST, make.config.buffer_events), roi)},
+    "odd_times": odd_times,
+    "counted": counted,
+    "nothing_to_iterate": lambda make, roi: {"pixels": make.inside(20, roi), "settings": {"iterations": 0}},
+    # The range that everything is divided by is zero.
+    "one_instant": lambda make, roi: {"pixels": make.inside(20, roi), "t": np.full(20, 5)},
+    "outside_the_sensor": outside_the_sensor,
+}  # fmt: skip
