@@ -11,17 +11,11 @@ from cmfpga.imaging.camera import Camera
 from cmfpga.protocol.regions import MOST_STRIDE, STARTS, Region
 from cmfpga.protocol.settings import BatchSettings, clamp_roi
 
-PATTERNS = {}
 
-
-def pattern(function):
-    """Register ``function(config, rng, roi) -> (x, y)``, sensor coordinates of a batch's events."""
-    PATTERNS[function.__name__] = function
-    return function
-
-
-def _inside(config, rng, roi, n):
-    return roi[0] + rng.integers(config.roi_width, size=n), roi[1] + rng.integers(config.roi_height, size=n)
+def _inside(config, rng, roi, n, order=slice(None)):
+    """``n`` pixels of the ROI at random, in an ``order`` in which they may come again."""
+    x, y = roi[0] + rng.integers(config.roi_width, size=n), roi[1] + rng.integers(config.roi_height, size=n)
+    return x[order], y[order]
 
 
 def _anywhere(config, rng, n):
@@ -32,42 +26,7 @@ def _clipped(config, x, y):
     return np.clip(x, 0, config.geometry.width - 1), np.clip(y, 0, config.geometry.height - 1)
 
 
-@pattern
-def random_everywhere(config, rng, roi):
-    """Up to 400 events all over the sensor."""
-    return _anywhere(config, rng, int(rng.integers(1, 400)))
-
-
-@pattern
-def random_inside(config, rng, roi):
-    """Up to 300 events in the ROI."""
-    return _inside(config, rng, roi, int(rng.integers(1, 300)))
-
-
-@pattern
-def one_pixel(config, rng, roi):
-    """All events on one pixel: every operation collides with the ones before."""
-    x, y = _inside(config, rng, roi, 1)
-    return np.repeat(x, 120), np.repeat(y, 120)
-
-
-@pattern
-def two_cells_alternating(config, rng, roi):
-    """Every other event on the same pixel."""
-    x, y = _inside(config, rng, roi, 2)
-    return np.tile(x, 60), np.tile(y, 60)
-
-
-@pattern
-def repeats_at_distances_1_to_5(config, rng, roi):
-    """A pixel that comes back after so many events, in turn: one for each stage that forwards."""
-    x, y = _inside(config, rng, roi, 6)
-    order = np.concatenate([np.tile(np.arange(distance), 12) for distance in range(1, 7)])
-    return x[order], y[order]
-
-
-@pattern
-def neighbours_2_by_2(config, rng, roi):
+def _neighbours_2_by_2(config, rng, roi):
     """Around one corner of four pixels, where each event votes for all of them."""
     x, y = _inside(config, rng, roi, 1)
     step_x, step_y = rng.integers(2, size=(2, 150))
@@ -75,8 +34,7 @@ def neighbours_2_by_2(config, rng, roi):
     return np.minimum(x + step_x, right), np.minimum(y + step_y, bottom)
 
 
-@pattern
-def corners_and_edges(config, rng, roi):
+def _corners_and_edges(config, rng, roi):
     """On both sides of the ROI's border, corners included."""
     n = 160
     right, bottom = roi[0] + config.roi_width, roi[1] + config.roi_height
@@ -87,26 +45,22 @@ def corners_and_edges(config, rng, roi):
     return _clipped(config, x, y)
 
 
-@pattern
-def everything_outside(config, rng, roi):
-    """No event in the ROI."""
+def _everything_outside(config, rng, roi):
     x, y = _anywhere(config, rng, 80)
     inside = (x >= roi[0]) & (x < roi[0] + config.roi_width) & (y >= roi[1]) & (y < roi[1] + config.roi_height)
     return np.append(x[~inside], 0 if roi[0] else config.geometry.width - 1), np.append(y[~inside], 0)
 
 
-@pattern
-def few_events(config, rng, roi):
+def _few_events(config, rng, roi):
     """0, 1, 2, 3 or 5 events in the ROI, among some outside."""
-    x, y = _inside(config, rng, roi, int(rng.choice([0, 1, 2, 3, 5])))
-    outside = everything_outside(config, rng, roi)
-    keep = slice(-max(2, len(x)), None)
-    order = rng.permutation(len(x) + len(outside[0][keep]))
-    return tuple(np.concatenate([a, b[keep]])[order] for a, b in zip((x, y), outside, strict=True))
+    inside = _inside(config, rng, roi, int(rng.choice([0, 1, 2, 3, 5])))
+    keep = slice(-max(2, len(inside[0])), None)
+    both = [np.append(a, b[keep]) for a, b in zip(inside, _everything_outside(config, rng, roi), strict=True)]
+    order = rng.permutation(len(both[0]))
+    return tuple(axis[order] for axis in both)
 
 
-@pattern
-def moving_edge(config, rng, roi):
+def _moving_edge(config, rng, roi):
     """An edge that moves through the ROI, blurred: what the core is made for."""
     n = 240
     along = np.linspace(0, 1, n)
@@ -115,30 +69,38 @@ def moving_edge(config, rng, roi):
     return tuple(axis.astype(np.int64) for axis in _clipped(config, x, y))
 
 
-@pattern
-def full_buffer(config, rng, roi):
-    """Exactly as many ROI events as the buffer holds."""
-    return _inside(config, rng, roi, config.buffer_events)
-
-
-@pattern
-def as_many_as_a_stride_needs(config, rng, roi):
-    """One more or less: where a stride begins to count."""
-    return _inside(config, rng, roi, FEWEST * int(rng.choice(STRIDES[1:])) + int(rng.integers(-1, 2)))
-
-
-@pattern
-def many_times_the_buffer(config, rng, roi):
-    """Up to ten times as many ROI events as the buffer holds."""
-    return _inside(config, rng, roi, int(rng.integers(1, min(10 * config.buffer_events, 6000) + 1)))
-
-
-@pattern
-def overfull_buffer_on_one_pixel(config, rng, roi):
-    """More ROI events than the buffer holds, all on one pixel."""
+def _overfull_buffer_on_one_pixel(config, rng, roi):
     x, y = _inside(config, rng, roi, 1)
     n = config.buffer_events + int(rng.integers(1, 50))
     return np.repeat(x, n), np.repeat(y, n)
+
+
+#: ``{name: function(config, rng, roi)}`` of sensor coordinates (x, y) of a batch's events.
+PATTERNS = {
+    "random_everywhere": lambda config, rng, roi: _anywhere(config, rng, int(rng.integers(1, 400))),
+    "random_inside": lambda config, rng, roi: _inside(config, rng, roi, int(rng.integers(1, 300))),
+    # Every operation collides with the ones before.
+    "one_pixel": lambda *batch: _inside(*batch, 1, [0] * 120),
+    "two_cells_alternating": lambda *batch: _inside(*batch, 2, [0, 1] * 60),
+    # A pixel that comes back after so many events, in turn: one for each stage that forwards.
+    "repeats_at_distances_1_to_5": lambda *batch: _inside(
+        *batch, 6, np.concatenate([np.tile(np.arange(distance), 12) for distance in range(1, 7)])
+    ),
+    "neighbours_2_by_2": _neighbours_2_by_2,
+    "corners_and_edges": _corners_and_edges,
+    "everything_outside": _everything_outside,
+    "few_events": _few_events,
+    "moving_edge": _moving_edge,
+    "full_buffer": lambda config, rng, roi: _inside(config, rng, roi, config.buffer_events),
+    # One more or less: where a stride begins to count.
+    "as_many_as_a_stride_needs": lambda config, rng, roi: _inside(
+        config, rng, roi, FEWEST * int(rng.choice(STRIDES[1:])) + int(rng.integers(-1, 2))
+    ),
+    "many_times_the_buffer": lambda config, rng, roi: _inside(
+        config, rng, roi, int(rng.integers(1, min(10 * config.buffer_events, 6000) + 1))
+    ),
+    "overfull_buffer_on_one_pixel": _overfull_buffer_on_one_pixel,
+}
 
 
 def times(config, rng, n):
