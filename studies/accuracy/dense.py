@@ -14,7 +14,7 @@ import numpy as np
 from cmfpga import cli
 from cmfpga.api.flow import configure
 from cmfpga.dense import fit_field
-from cmfpga.dense.fields import CAMERA, ROTATION, scene
+from cmfpga.dense.fields import CAMERA, ROTATION, basis, scene
 from cmfpga.dense.tiles import TILE
 from cmfpga.dense.window import Run
 from cmfpga.engines import make_engine
@@ -40,10 +40,9 @@ HEADS = (
 )  # fmt: skip
 
 
-def turned(camera, omega, window):
-    """Flow of a still scene that a camera sees that turns by ``omega`` rad/s, px per half window: float64 [n, 2]."""
-    rays = camera.rays(*window.centres.T)
-    return np.einsum("akn,k->na", camera.rotation(*rays), omega) * (camera.fx, camera.fy) * window.half_s
+def turned(window, omega):
+    """Flow of a still scene before the camera that turns by ``omega`` rad/s, px per half window: float64 [n, 2]."""
+    return np.einsum("akn,k->na", basis("rotation", window.config, window.centres), omega) * window.half_s
 
 
 def searched(window, chosen, progress):
@@ -51,7 +50,7 @@ def searched(window, chosen, progress):
     dt = 2 * (window.events.t - window.events.t[0]) / window.result.span - 1
     found = np.full((len(window.tiles), 2), np.nan)
     for k in progress(np.flatnonzero(chosen)):
-        region = window.tiles.regions[len(window.tiles.regions) - len(window.tiles) + k]
+        region = window.tiles.regions[k - len(window.tiles)]
         inside, x, y = events_in_roi(window.seen, (region.x, region.y), region.width, region.height)
         across, down = region.corner(window.config)
         found[k], _ = best_contrast(x + across, y + down, dt[inside], rounds=2)
@@ -60,7 +59,8 @@ def searched(window, chosen, progress):
 
 def run_dense(options, _, report):
     """Print the suite; of the scene alone without a folder of recordings."""
-    rows = [_row(options, "synthetic, the camera turns", scene().recording(), report, camera=CAMERA, omega=ROTATION)]
+    given = {"camera": CAMERA.text}
+    rows = [_row(options, "synthetic, the camera turns", scene().recording(), report, omega=ROTATION, **given)]
     for variant in ((), *VARIANTS) if options.data is not None else ():
         for file, turns in WINDOWS.items():
             name = ", ".join((file, *variant[:1]))
@@ -69,8 +69,7 @@ def run_dense(options, _, report):
     report.table(f"Dense flow, tiles of {TILE} px every {TILE // 2} px, {options.engine}", HEADS, rows)
 
 
-def _row(options, name, recording, report, share=1.0, tile=TILE, *, camera=None, omega):
-    given = {"camera": camera.text} if camera else {}
+def _row(options, name, recording, report, share=1.0, tile=TILE, *, omega, **given):
     config, tiles, _ = configure(recording, options.preset, given | cli.config_changes(options), tile, None, str)
     events = Events.concatenate(recording.chunks())[: config.max_batch_events]
     events = events[: int(len(events) * share)]
@@ -79,13 +78,11 @@ def _row(options, name, recording, report, share=1.0, tile=TILE, *, camera=None,
         (window,) = Run(recording, engine, tiles, window_events=len(events), windows=1)
     held = np.array([one.roi_events + one.thinned + one.overflow for one in tiles.of(window.result)])
     chosen = (held >= FEWEST) & np.isfinite(window.v[:, 0])
-    camera = camera or Camera(*config.lens)
     if omega is None:
         from cmfpga.reference.global_search import rotation, search  # torch
 
-        omega = search(rotation(camera, events.x, events.y), events.t).at_middle
-    plain = Camera(*(camera.fx, camera.fy, camera.cx, camera.cy))
-    true = turned(plain, omega, window) if len(omega) else searched(window, chosen, report.progress)
+        omega = search(rotation(Camera(*config.lens), events.x, events.y), events.t).at_middle
+    true = turned(window, omega) if len(omega) else searched(window, chosen, report.progress)
     errors = np.hypot(*(window.v - true)[chosen].T)
     trusted = window.trusted[chosen]
     scores = {

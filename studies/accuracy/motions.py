@@ -121,15 +121,9 @@ def run_motion(options, config, report):
     """Print the suite of ``options.motion``; with a folder of recordings the real ones of a rotation, too."""
     kind = options.motion
     config = motion_config(kind, config)
-    found = []
-    with closing(make_engine(options.engine, config)) as engine:
-        settings = BatchSettings.from_config(config.replace(start="given"), roi=(0, 0))
-        cases = [(seed, index) for seed in options.seeds for index in range(options.batches)]
-        for case in report.progress(cases):
-            events, true = scene(config, *case)
-            found.append(flow_errors(config, engine.run(events, settings)[0].v, true))
-        if config.confidence:
-            _confidence(options, engine, settings, report)
+    found = [flow_errors(config, result.v, true) for result, true in _drawn(scene, 1, options, config, report)]
+    if config.confidence:
+        _confidence(options, config, report)
     kinds = zip(KINDS, np.array(found).T, strict=True)
     rows = [(what, *report.cells(f"{kind}, {what}", FLOW_ERRORS, errors)) for what, errors in kinds]
     title = f"Synthetic batches, {kind}, cold, {options.engine}: px per half batch"
@@ -138,18 +132,29 @@ def run_motion(options, config, report):
         _real(options, config, report)
 
 
-def _confidence(options, engine, settings, report):
+def _drawn(make, times, options, config, report):
+    """``(result, true parameters)`` of what :func:`scene` or :func:`cut` makes, so many times the batches asked for."""
+    cases = [(seed, index) for seed in options.seeds for index in range(times * options.batches)]
+    return _found(options.engine, config, (make(config, *case) for case in report.progress(cases)))
+
+
+def _found(engine, config, batches):
+    """Yields ``(result, truth)`` of batches ``(events, truth)``, each of them cold."""
+    settings = BatchSettings.from_config(config.replace(start="given"), roi=(0, 0))
+    with closing(make_engine(engine, config)) as opened:
+        for events, true in batches:
+            yield opened.run(events, settings)[0], true
+
+
+def _confidence(options, config, report):
     """Whether the confidence tells right batches from wrong ones, where some are too short."""
-    config, told, off = engine.config, [], []
-    for seed in options.seeds:
-        for index in report.progress(range(CUTS * options.batches)):
-            events, true = cut(config, seed, index)
-            result = engine.run(events, settings)[0]
-            if (kappa := confidence(config, result)) is not None:
-                sure = is_trustworthy(config, result)
-                told.append((*flow_errors(config, result.v, true), kappa, sure))
-                off += [np.abs(result.v - true) / deviations(config, result)] if sure else []
-    told, rows = np.array(told).reshape(-1, 4), []
+    told, off, rows = [], [], []
+    for result, true in _drawn(cut, CUTS, options, config, report):
+        if (kappa := confidence(config, result)) is not None:
+            sure = is_trustworthy(config, result)
+            told.append((*flow_errors(config, result.v, true), kappa, sure))
+            off += [np.abs(result.v - true) / deviations(config, result)] if sure else []
+    told = np.array(told).reshape(-1, 4)
     sure = told[:, 3] > 0
     for what, errors in zip(KINDS, told[:, :2].T, strict=True):
         wrong = errors > WRONG
@@ -193,12 +198,10 @@ def _whole(options, config, report, name, events, camera, sensor):
     from cmfpga.rtl.core import Core  # amaranth
 
     best = search(rotation(camera, events.x, events.y), events.t).at_middle
-    with closing(make_engine(options.engine, config)) as engine:
-        (result,) = engine.run(events, BatchSettings.from_config(config, roi=(0, 0)))
-    omega = np.array([*rates(config, result.v, result.span).values()])
+    ((result, _),) = _found(options.engine, config, [(events, None)])
     size = {"events": result.events, "roi_events": result.roi_events}
     cycles = Core(config).cycles(**size, iterations=config.schedules.cold)
-    found = {options.engine: (omega, cycles / CLOCK_MHZ / 1000)}
+    found = {options.engine: (_omega(config, result.v, result), cycles / CLOCK_MHZ / 1000)}
     if options.eventcv:
         start = perf_counter()
         omega = find_rotation(camera, events, *sensor)
@@ -218,15 +221,10 @@ def _slices(options, config, report, name, events, camera):
     best = search(rotation(camera, events.x, events.y), events.t, linear=True)
     middle = (int(events.t[0]) + int(events.t[-1])) / 2
     for parts in PARTS:
-        found = []
-        with closing(make_engine(options.engine, config)) as engine:
-            cold = BatchSettings.from_config(config.replace(start="given"), roi=(0, 0))
-            for ends in pairwise(np.linspace(0, len(events), parts + 1).astype(int)):
-                part = events[slice(*ends)]
-                (result,) = engine.run(part, cold)
-                at = ((int(part.t[0]) + int(part.t[-1])) / 2 - middle) * 1e-6
-                found.append(_slice(config, result, best.at(at)))
-        found = np.array(found, float)
+        cuts = [events[slice(*ends)] for ends in pairwise(np.linspace(0, len(events), parts + 1).astype(int))]
+        truths = [best.at(((int(cut.t[0]) + int(cut.t[-1])) / 2 - middle) * 1e-6) for cut in cuts]
+        pairs = _found(options.engine, config, zip(cuts, truths, strict=True))
+        found = np.array([_slice(config, *pair) for pair in pairs], float)
         sure = found[:, 0] > 0
         beyond = int((found[sure, 2] > 3).sum()), int((found[sure, 1] > found[sure, 3]).sum())
         report.keep(f"{name}, in {parts}", found, {"parts": parts, "trusted": int(sure.sum()), "beyond": beyond})
@@ -234,11 +232,15 @@ def _slices(options, config, report, name, events, camera):
         yield name, parts, int(sure.sum()), int(found[:, 4].sum()), *beyond, *largest
 
 
+def _omega(config, v, result):
+    """Parameters of a rotation in rad/s, of those in px per half of a result's time."""
+    return np.array([*rates(config, v, result.span).values()])
+
+
 def _slice(config, result, true):
     """Trusted; deg/s off; the largest error in sd; deg/s allowed; short."""
-    away = np.array([*rates(config, result.v, result.span).values()]) - true
-    found = deviations(config, result)
-    stated = np.abs([*rates(config, found, result.span).values()]) if found else np.full(3, np.nan)
+    away, found = _omega(config, result.v, result) - true, deviations(config, result)
+    stated = np.abs(_omega(config, found, result)) if found else np.full(3, np.nan)
     allowed = 5 + 0.05 * np.degrees(np.linalg.norm(true))
     off = np.degrees(np.linalg.norm(away))
     return is_trustworthy(config, result), off, np.max(np.abs(away) / stated), allowed, Flag.SHORT in result.flags

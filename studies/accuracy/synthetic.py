@@ -30,10 +30,7 @@ WARM_RADIUS = 1.0  # px per half batch; how far from the truth the warm suite st
 
 
 def synthetic_cases(count=BATCHES, *, seeds=SEEDS, events_per_edge=EVENTS_PER_EDGE):
-    """The first ``count`` synthetic batches of each of ``seeds``, a list of :class:`Case`.
-
-    0 ``events_per_edge``: all edges are weak.
-    """
+    """The first ``count`` synthetic batches of each of ``seeds``; 0 ``events_per_edge``: all edges are weak."""
     return [_synthetic_case(seed, index, events_per_edge) for seed in seeds for index in range(count)]
 
 
@@ -42,7 +39,8 @@ def _synthetic_case(seed, index, events_per_edge):
     texture = ("lines", "dense")[index % 2]
     speed, angle, noise = rng.uniform(0, MAX_SPEED), rng.uniform(0, 2 * math.pi), rng.uniform(0, MAX_NOISE)
     wanted = rng.uniform(*ROI_EVENTS)
-    start = _in_circle(rng)
+    way, off = rng.uniform(0, 2 * math.pi), WARM_RADIUS * math.sqrt(rng.uniform())
+    start = off * np.array([math.cos(way), math.sin(way)])
     v = speed * np.array([math.cos(angle), math.sin(angle)])
     swept = 2 * speed * 2 / math.pi  # px across an edge, on average over the edge's directions
     contrast = min(max(events_per_edge / swept, 1.0), MAX_CONTRAST)
@@ -62,16 +60,9 @@ def _synthetic_case(seed, index, events_per_edge):
             break
     events = made.events
     truth = made.motion.per_half_batch(events.t[0], events.t[-1])
-    facts = {
-        "texture": texture, "speed": speed, "noise": noise, "roi_events": len(events), "size": size,
-        "contrast": contrast,
-    }  # fmt: skip
+    facts = {"texture": texture, "speed": speed, "noise": noise, "roi_events": len(events)}
+    facts |= {"size": size, "contrast": contrast}
     return Case(events, (0, 0), tuple(truth.tolist()), tuple((truth + start).tolist()), facts)
-
-
-def _in_circle(rng):
-    angle, radius = rng.uniform(0, 2 * math.pi), WARM_RADIUS * math.sqrt(rng.uniform())
-    return radius * np.array([math.cos(angle), math.sin(angle)])
 
 
 def _edge_points(texture, size):

@@ -23,7 +23,7 @@ def test_the_searched_flow_is_that_of_the_tiles_own_events(slid):
 
 
 def test_a_turning_cameras_field(turned):
-    field = dense.turned(dense.Camera(100.0, 100.0, 63.5, 47.5), OMEGA, turned)
+    field = dense.turned(turned, OMEGA)
     away = np.hypot(*(turned.v - field)[turned.trusted].T)
     assert np.median(away) < 0.35 < 1 < np.median(np.hypot(*field.T))
 
