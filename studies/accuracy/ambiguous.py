@@ -7,7 +7,6 @@ one that changes. Each batch starts at v = 0; the buffer is that of windows that
 
 import math
 from contextlib import closing
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,12 +14,11 @@ from cmfpga.config import preset
 from cmfpga.engines import make_engine
 from cmfpga.events import Events, generate
 from cmfpga.protocol.confidence import is_trustworthy
-from cmfpga.protocol.settings import BatchSettings
 from cmfpga.tracking.ambiguity import UNTRUSTED, WORDS, Ambiguity, ambiguity
 
 from .default_use import WRONG
-from .table import percent
-from .yardstick import ROI
+from .table import percent, run_case
+from .yardstick import ROI, Case
 
 SENSOR, PLACE, MIDDLE = (240, 180), (88, 58), np.array([119.5, 89.5])
 DURATION_US = 40_000
@@ -45,13 +43,9 @@ def _late(events, rng):
 def _object(rng, v, texture, size, contrast, off=0, velocity=None, **fields):
     """An object that is ``off`` the ROI's middle, px, in the batch's middle; ``v`` is the mean of ``velocity``."""
     return generate(
-        seed=int(rng.integers(1 << 30)), texture=texture, size=size, velocity=velocity or _px_per_s(v),
+        seed=int(rng.integers(1 << 30)), texture=texture, size=size, velocity=velocity or tuple(2e6 * v / DURATION_US),
         position=tuple(MIDDLE + off - v), duration_us=DURATION_US, contrast=contrast, **fields,
     ).events  # fmt: skip
-
-
-def _px_per_s(v):
-    return tuple(2e6 * v / DURATION_US)
 
 
 def _straight(rng, v, normal, edges, half):
@@ -105,9 +99,9 @@ def edge(rng, k):
 
 
 def _two(rng, k, one, two, through):
-    beside, contrast = k // 2 % 2, rng.uniform(*CONTRAST)
-    size = (44, 44) if through else ((28, 56), (56, 28))[beside]
-    off = np.array(((15.0, 0.0), (0.0, 15.0))[beside]) * (0.3 if through else 1)
+    below, contrast = k // 2 % 2, rng.uniform(*CONTRAST)
+    size = (44, 44) if through else ((28, 56), (56, 28))[below]
+    off = np.array(((15.0, 0.0), (0.0, 15.0))[below]) * (0.3 if through else 1)
     texture = "lines" if through else ("lines", "dense")[k % 2]
     made = [_object(rng, v, texture, size, contrast, off * side) for v, side in ((one, -1), (two, 1))]
     return Events.merge(made), (one, two)
@@ -135,7 +129,8 @@ def stops(rng, k, turns=False):
     v, share = _velocity(rng), rng.uniform(0.25, 0.75)
     two = (v, (-v, _velocity(rng))[k // 2 % 2] if turns else 0 * v)[:: 1 if k % 2 else -1]
     mean = share * two[0] + (1 - share) * two[1]
-    pieces = [(int(part * DURATION_US), *_px_per_s(one)) for part, one in zip((share, 1 - share), two, strict=True)]
+    pieces = zip((share, 1 - share), two, strict=True)
+    pieces = [(int(part * DURATION_US), *(2e6 * one / DURATION_US)) for part, one in pieces]
     size, contrast = tuple(int(side) for side in rng.integers(16, 60, 2)), rng.uniform(*CONTRAST)
     texture, noise = ("lines", "dense")[k // 4 % 2], rng.uniform(0, 0.25)
     return _object(rng, mean, texture, size, contrast, velocity=pieces, noise=noise), (*two, mean)
@@ -156,10 +151,9 @@ SCENES = {
 def judged(engine, scene, count, seed=1):
     """Trusted by the hardware, error in px per half batch, what is open: float64 [batches, 3]."""
     rng, found = np.random.default_rng([seed, *scene.__name__.encode()]), []
-    settings = replace(BatchSettings.from_config(engine.config, PLACE), start_last=False, v_start=(0, 0))
     for k in range(count):
         events, motions = scene(rng, k)
-        (result,) = engine.run(events, settings)
+        result = run_case(engine, Case(events, PLACE, None, None, {}))
         left = ambiguity(engine.config, events, result, thinned=bool(result.thinned))
         error = min(math.dist(result.v, v * result.span / DURATION_US) for v in motions)
         found.append((is_trustworthy(engine.config, result), error, left))

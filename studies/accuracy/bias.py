@@ -5,7 +5,6 @@ All scenes are synthetic, and their motion is constant. The warm ascent starts a
 
 import functools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,64 +24,48 @@ _BLUR_PX = 1.5
 _STEPS = 100  # of a pixel camera in one batch
 
 
-@dataclass(frozen=True)
-class EdgeCamera:
-    """:func:`cmfpga.events.generate`: edges emit events, wherever they are. ``size`` of the object in px."""
-
-    size: int
-
-    def __call__(self, rng, v):
-        contrast = EVENTS / (OBJECT**2 * 2 * math.hypot(*v) * 2 / math.pi)
-        middle = np.full(2, (_SIDE - 1) / 2) + rng.uniform(-0.5, 0.5, 2)
-        return generate(
-            seed=int(rng.integers(1 << 31)), width=_SIDE, height=_SIDE, texture="dense", size=(self.size, self.size),
-            position=tuple(middle - v), velocity=tuple(2e6 * v / DURATION_US), duration_us=DURATION_US,
-            contrast=contrast,
-        ).events  # fmt: skip
+def edges(rng, v, size):
+    """Events of edges, wherever they are, by :func:`cmfpga.events.generate`; ``size`` of the object in px."""
+    contrast = EVENTS / (OBJECT**2 * 2 * math.hypot(*v) * 2 / math.pi)
+    middle = np.full(2, (_SIDE - 1) / 2) + rng.uniform(-0.5, 0.5, 2)
+    return generate(
+        seed=int(rng.integers(1 << 31)), width=_SIDE, height=_SIDE, texture="dense", size=(size, size),
+        position=tuple(middle - v), velocity=tuple(2e6 * v / DURATION_US), duration_us=DURATION_US, contrast=contrast,
+    ).events  # fmt: skip
 
 
-@dataclass(frozen=True)
-class PixelCamera:
-    """Pixels that each compare their brightness with the one at their last event."""
+def pixels(rng, v, size, mismatch=0.0, refractory=0.0):
+    """Events of pixels that each compare their brightness with the one at their last event.
 
-    size: int = 0  # of the object, px; it fades out towards its border. 0: the scene has no end
-    mismatch: float = 0.0  # standard deviation of a pixel's threshold, as a share
-    refractory: float = 0.0  # time after an event in which a pixel sees nothing, in half batches
-    lag: float = 0.0  # time constant of its low pass, in half batches
-
-    def __call__(self, rng, v):
-        pattern = _texture(rng, self.size)
-        edges = 2 * math.hypot(*v) * 2 / math.pi * OBJECT**2 / 2  # half of it is turned back
-        threshold = edges / EVENTS * np.maximum(1 + self.mismatch * rng.standard_normal((_SIDE, _SIDE)), 0.2)
-        row, column = np.mgrid[:_SIDE, :_SIDE] * 1.0
-        step = 2 / _STEPS
-        low = last = _seen(pattern, column, row, v, -3.0)
-        reference, asleep = last + threshold * rng.uniform(-1, 1, last.shape), np.full(last.shape, -9.0)
-        found = []
-        for k in range(2 * _STEPS):  # the first half settles the references
-            begin, end = -3 + k * step, -3 + (k + 1) * step
-            now = _seen(pattern, column, row, v, end)
-            low = low + (now - low) * (1 - math.exp(-step / self.lag)) if self.lag else now
-            woken = (asleep > begin) & (asleep <= end)
-            reference = np.where(woken, low, reference)
-            while True:
-                up = low - reference
-                fires = (np.abs(up) >= threshold) & (asleep <= end)
-                if not fires.any():
-                    break
-                y, x = np.nonzero(fires)
-                sign = np.sign(up[y, x])
-                reference[y, x] += sign * threshold[y, x]
-                change = low[y, x] - last[y, x]
-                share = np.clip((reference[y, x] - last[y, x]) / np.where(change == 0, 1, change), 0, 1)
-                if self.refractory:
-                    asleep[y, x] = begin + share * step + self.refractory
-                if begin >= -1:
-                    found.append(np.stack([begin + share * step, x, y, sign > 0]))
-            last = low
-        t, x, y, p = np.concatenate(found, axis=1)
-        t = np.floor((t + 1) / 2 * (DURATION_US - 1))
-        return Events.merge([Events(*(part.astype(np.int64) for part in (t, x, y, p)))])
+    ``size`` of the object in px, which fades out towards its border; 0: the scene has no end. ``mismatch``: standard
+    deviation of a pixel's threshold, as a share. ``refractory``: half batches for which it sees nothing after an event.
+    """
+    pattern = _texture(rng, size)
+    crossed = 2 * math.hypot(*v) * 2 / math.pi * OBJECT**2 / 2  # half of it is turned back
+    threshold = crossed / EVENTS * np.maximum(1 + mismatch * rng.standard_normal((_SIDE, _SIDE)), 0.2)
+    row, column = np.mgrid[:_SIDE, :_SIDE] * 1.0
+    step = 2 / _STEPS
+    last = _seen(pattern, column, row, v, -3.0)
+    reference, asleep = last + threshold * rng.uniform(-1, 1, last.shape), np.full(last.shape, -9.0)
+    found = []
+    for k in range(2 * _STEPS):  # the first half settles the references
+        begin, end = -3 + k * step, -3 + (k + 1) * step
+        now = _seen(pattern, column, row, v, end)
+        reference = np.where((asleep > begin) & (asleep <= end), now, reference)
+        while (fires := (np.abs(now - reference) >= threshold) & (asleep <= end)).any():
+            y, x = np.nonzero(fires)
+            sign = np.sign((now - reference)[y, x])
+            reference[y, x] += sign * threshold[y, x]
+            change = now[y, x] - last[y, x]
+            share = np.clip((reference[y, x] - last[y, x]) / np.where(change == 0, 1, change), 0, 1)
+            if refractory:
+                asleep[y, x] = begin + share * step + refractory
+            if begin >= -1:
+                found.append(np.stack([begin + share * step, x, y, sign > 0]))
+        last = now
+    t, x, y, p = np.concatenate(found, axis=1)
+    t = np.floor((t + 1) / 2 * (DURATION_US - 1))
+    return Events.merge([Events(*(part.astype(np.int64) for part in (t, x, y, p)))])
 
 
 def _texture(rng, size):
@@ -118,25 +101,24 @@ ROOMY = {"buffer_events": 8191}
 
 #: What is seen, by whom, and fields of the configuration.
 CAUSES = (
-    ("edges, object inside the ROI", EdgeCamera(OBJECT), {}),
-    ("edges, object inside, no dither", EdgeCamera(OBJECT), {"dither_frac": 0}),
-    ("edges, scene beyond the ROI", EdgeCamera(_SIDE), ROOMY),
-    ("pixels, object inside the ROI", PixelCamera(size=OBJECT), {}),
-    ("pixels, object inside, no dither", PixelCamera(size=OBJECT), {"dither_frac": 0}),
-    ("pixels, thresholds differ by 15 %", PixelCamera(size=OBJECT, mismatch=0.15), {}),
-    ("pixels, blind for 0.2 half batches", PixelCamera(size=OBJECT, refractory=0.2), {}),
-    ("pixels, scene beyond the ROI", PixelCamera(), ROOMY),
+    ("edges, object inside the ROI", (edges, OBJECT), {}),
+    ("edges, object inside, no dither", (edges, OBJECT), {"dither_frac": 0}),
+    ("edges, scene beyond the ROI", (edges, _SIDE), ROOMY),
+    ("pixels, object inside the ROI", (pixels, OBJECT), {}),
+    ("pixels, object inside, no dither", (pixels, OBJECT), {"dither_frac": 0}),
+    ("pixels, thresholds differ by 15 %", (pixels, OBJECT, 0.15), {}),
+    ("pixels, blind for 0.2 half batches", (pixels, OBJECT, 0.0, 0.2), {}),
+    ("pixels, scene beyond the ROI", (pixels, 0), ROOMY),
 )
 
 
-def cases(camera, speed):
-    """Batches of one camera and speed, a list of :class:`Case`; directions are spread evenly."""
+def cases(speed, camera, *how):
+    """Batches of one speed as ``camera(rng, v, *how)`` sees them; directions are spread evenly."""
     made = []
     for index in range(BATCHES):
-        rng = np.random.default_rng([7, index])
         angle = 2 * math.pi * (index + 0.37) / BATCHES
         v = speed * np.array([math.cos(angle), math.sin(angle)])
-        events = camera(rng, v)
+        events = camera(np.random.default_rng([7, index]), v, *how)
         truth = tuple(v * (int(events.t[-1]) - int(events.t[0])) / DURATION_US)
         made.append(Case(events, ((_SIDE - ROI) // 2,) * 2, truth, truth, {}))
     return made
@@ -154,7 +136,7 @@ def study_bias(config, engine, cases_, real, report, **_):
     for name, camera, fields in report.progress(CAUSES, "row"):
         cells = []
         for speed in SPEEDS:
-            shares = measure(engine, config.replace(**fields), _shares, make(camera, speed))
+            shares = measure(engine, config.replace(**fields), _shares, make(speed, *camera))
             report.keep(f"bias, {name}, {speed}", shares, {"median": float(np.median(shares))})
             cells.append(f"{np.median(shares):.2f}")
         rows.append((name, *cells))

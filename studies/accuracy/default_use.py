@@ -15,7 +15,7 @@ import numpy as np
 
 from cmfpga.api.track import track
 from cmfpga.config import preset, unread
-from cmfpga.errors import ConfigError, UserError
+from cmfpga.errors import UserError
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import covariance
 from cmfpga.protocol.flags import Flag
@@ -36,7 +36,6 @@ SUM = "sum"
 SLIDER = "davis240c_slider_depth_0.0s.h5"
 PRESETS = ("sliding", "fast")
 MARGIN = 8  # px around the ROI, of a search
-NEEDED = "--study {}: --data, a folder of recordings, is needed"
 
 
 def batches(known, config, engine):
@@ -182,8 +181,6 @@ def _tracked(path, engine, **options):
 
 def study_slider(config, engine, cases, real_, report, *, data, **_):
     """Print how many trusted windows on the rail are off along y, by more than :data:`WRONG`."""
-    if data is None:
-        raise ConfigError(NEEDED.format("slider"))
     path, rows = Path(data) / SLIDER, []
     places = grid(read(path)[1])
     for name, rois in ((f"{len(places)} of a grid", places), ("auto", ["auto"])):
@@ -213,8 +210,6 @@ def _searched(events, sensor, place):
 
 def study_auto(config, engine, cases, real_, report, *, data, **_):
     """Print how many trusted windows of ``track --roi auto`` are wrong, on each recording of the folder."""
-    if data is None:
-        raise ConfigError(NEEDED.format("auto"))
     known, rows = by_file(data), []
     for path in report.progress(sorted(Path(data).glob("*.h5")), "recording"):
         events, sensor = read(path)

@@ -58,8 +58,6 @@ def drawn(known, count):
         begin = rng.uniform(events.t[0], events.t[-1] - length)
         first, last = np.searchsorted(events.t, [begin, begin + length])
         part = events[int(first) : int(last)]
-        if len(part) < FEWEST:
-            continue
         index, x, y = events_in_roi(part, (left, top), ROI, ROI)
         if len(index) < FEWEST:
             continue

@@ -172,12 +172,8 @@ def _turning(path, name, linear):
     return Known(name, events, sensor, rois, truth, doubt, left=CALIBRATED)
 
 
-def _shapes(path):
-    return _turning(path, "shapes, rotation", linear=True)
-
-
-def _poster(path):
-    return _turning(path, "poster, rotation", linear=False)
+_shapes = functools.partial(_turning, name="shapes, rotation", linear=True)
+_poster = functools.partial(_turning, name="poster, rotation", linear=False)
 
 
 def _spinner(path):

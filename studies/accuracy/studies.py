@@ -143,12 +143,14 @@ STUDIES = {
     **OF_RECORDINGS,
 }
 
-#: Those that use the real batches.
-REAL = ("plain", "schedules", "widths")
+#: Those that use the real batches, and those that there are with a folder of recordings only.
+REAL, OF_FOLDER = ("plain", "schedules", "widths"), ("slider", "auto")
 
 
 def run_study(options, config, report):
     """Print the tables of ``options.study``."""
+    if options.study in OF_FOLDER and options.data is None:
+        raise ConfigError(f"--study {options.study}: --data, a folder of recordings, is needed")
     suite = {"count": options.batches, "seeds": options.seeds}
     cases = synthetic_cases(**suite)
     real = real_cases(options.data) if options.data and options.study in REAL else []

@@ -93,7 +93,7 @@ NOTED = {
 }
 
 
-@pytest.mark.parametrize("make", NOTED, ids=lambda make: make.__name__)
+@pytest.mark.parametrize("make", NOTED, ids=lambda make: make.keywords["name"])
 def test_truth_of_turning_cameras(make, data_dir):
     file, omega = NOTED[make]
     one = make(data_dir / file)
@@ -158,10 +158,10 @@ def judged_errors(batches):
     return judged.measure("model", FAST, judged.judge, batches, warm=False, progress=iter)
 
 
-@pytest.mark.parametrize("camera", [bias.EdgeCamera(40), bias.PixelCamera(40), bias.PixelCamera(40, 0.15, 0.1, 0.1)])
+@pytest.mark.parametrize("camera", [(bias.edges, 40), (bias.pixels, 40), (bias.pixels, 40, 0.15, 0.1)])
 def test_cameras_of_the_bias_study_see_the_motion(camera, monkeypatch):
     monkeypatch.setattr(bias, "BATCHES", 2)
-    batches = bias.cases(camera, 4.0)
+    batches = bias.cases(4.0, *camera)
     assert np.allclose([math.hypot(*case.truth) for case in batches], 4.0, rtol=0.02)
     assert np.allclose(bias.measure("model", FAST, bias._shares, batches), 1, atol=0.12)
 
