@@ -19,6 +19,7 @@ from cmfpga.errors import UserError
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import covariance
 from cmfpga.protocol.flags import Flag
+from cmfpga.reference.global_search import search, translation
 
 from .foreign import FOREIGN, find
 from .known import DRAWN, DRAWN_SIZE, between, by_file, drawn, grid, read, recordings
@@ -199,8 +200,6 @@ def study_slider(config, engine, cases, real_, report, *, data, **_):
 
 def _searched(events, sensor, place):
     """Truth of recordings that have none, px/s: of the events of a window, in and around an ROI."""
-    from cmfpga.reference.global_search import search, translation  # torch
-
     lows = [max(at - MARGIN, 0) for at in place]
     highs = [min(at + ROI + MARGIN, side) - 1 for at, side in zip(place, sensor, strict=True)]
     near = (events.x >= lows[0]) & (events.x <= highs[0]) & (events.y >= lows[1]) & (events.y <= highs[1])

@@ -21,6 +21,7 @@ from cmfpga.engines import make_engine
 from cmfpga.events import Events, MemoryRecording, open_recording
 from cmfpga.imaging.camera import Camera
 from cmfpga.imaging.iwe import events_in_roi
+from cmfpga.reference.global_search import rotation, search
 
 from .table import percent
 from .yardstick import best_contrast
@@ -79,8 +80,6 @@ def _row(options, name, recording, report, share=1.0, tile=TILE, *, omega, **giv
     held = np.array([one.roi_events + one.thinned + one.overflow for one in tiles.of(window.result)])
     chosen = (held >= FEWEST) & np.isfinite(window.v[:, 0])
     if omega is None:
-        from cmfpga.reference.global_search import rotation, search  # torch
-
         omega = search(rotation(Camera(*config.lens), events.x, events.y), events.t).at_middle
     true = turned(window, omega) if len(omega) else searched(window, chosen, report.progress)
     errors = np.hypot(*(window.v - true)[chosen].T)

@@ -17,6 +17,7 @@ import numpy as np
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events, generate, open_recording
 from cmfpga.imaging.camera import read_calibration
+from cmfpga.reference.global_search import affine, rotation, search, translation
 
 from .yardstick import ROI
 
@@ -126,8 +127,6 @@ def data(path, *names):
 
 def _checkerboard(path):
     """A tilted camera: an affine flow, median of three windows. The board is not all that the left edge shows."""
-    from cmfpga.reference.global_search import affine, search
-
     events, sensor = read(path)
     events = events[: int(np.searchsorted(events.t, events.t[0] + 1_900_000))]
     centre, scale, left, found = (109.0, 90.0), 80.0, 28, []
@@ -152,8 +151,6 @@ def _turning(path, name, linear):
     The principal point lies right of and below the middle, and the lens's polynomial does not hold at the left border:
     an edge takes 80 ms for 9 px there, 112 px/s, where it says 131 px/s.
     """
-    from cmfpga.reference.global_search import rotation, search
-
     events, sensor = read(path)
     camera = read_calibration(path).camera
     found, *halves = (
@@ -208,8 +205,6 @@ GYROSCOPE_DOUBT = 2.5
 def _gyroscope(path):
     """A camera that pans, so vy is 0. The file has neither the gyroscope's bias nor a focal length: both are fitted to
     searches over the whole sensor in windows of 20,000 events."""
-    from cmfpga.reference.global_search import search, translation
-
     events, sensor = read(path)
     times, gyro = data(path, "imu/t", "imu/gyro_raw")
     turned = np.concatenate([[0.0], np.cumsum(np.diff(times) * (gyro[1:, 1] + gyro[:-1, 1]) / 2)]) / 32.8e6  # degrees

@@ -27,6 +27,8 @@ from cmfpga.imaging.camera import Camera, flow, rates, read_calibration
 from cmfpga.protocol.confidence import confidence, deviations, is_trustworthy
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.reference.global_search import rotation, rotation_as_seen, search
+from cmfpga.rtl.core import Core
 
 from .foreign import FOREIGN, find_rotation
 from .judged import WRONG, separation
@@ -194,9 +196,6 @@ def _real(options, config, report):
 
 def _whole(options, config, report, name, events, camera, sensor):
     """Rows of a recording as one batch: the engine's, and eventcv's."""
-    from cmfpga.reference.global_search import rotation, search  # torch
-    from cmfpga.rtl.core import Core  # amaranth
-
     best = search(rotation(camera, events.x, events.y), events.t).at_middle
     ((result, _),) = _found(options.engine, config, [(events, None)])
     size = {"events": result.events, "roi_events": result.roi_events}
@@ -216,8 +215,6 @@ def _whole(options, config, report, name, events, camera, sensor):
 
 def _slices(options, config, report, name, events, camera):
     """Rows of a recording whole, in halves and in quarters; ω is linear in time: what is trusted."""
-    from cmfpga.reference.global_search import rotation, search  # torch
-
     best = search(rotation(camera, events.x, events.y), events.t, linear=True)
     middle = (int(events.t[0]) + int(events.t[-1])) / 2
     for parts in PARTS:
@@ -274,8 +271,6 @@ def run_panned(options, config, report):
 
 def _contrast(camera, events, sensor):
     """Mean over windows of the highest contrast that a rotation reaches, in the image as the lens makes it."""
-    from cmfpga.reference.global_search import rotation_as_seen, search  # torch
-
     window = (-4, sensor[0] + 3, -4, sensor[1] + 3)
     parts = [events[first : first + PAN_EVENTS] for first in range(0, len(events) - PAN_EVENTS + 1, PAN_EVENTS)]
     found = [search(rotation_as_seen(camera, part.x, part.y), part.t, window=window) for part in parts]
@@ -284,8 +279,6 @@ def _contrast(camera, events, sensor):
 
 def _against(gyroscope, events, camera, size, options, config, report):
     """Rows of the engine and of a global search over the events of the same batches."""
-    from cmfpga.reference.global_search import rotation, search  # torch
-
     t, turned = gyroscope
     own, fields = preset("rotation"), config.to_dict()
     changed = {name: value for name, value in fields.items() if getattr(own, name) != value}

@@ -19,6 +19,7 @@ from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import confidence, is_sure
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.reference.global_search import search, translation
 from cmfpga.reference.integer.sliding import Sliding
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.sliding.core import SlidingCore
@@ -207,8 +208,6 @@ def follow_scene(scene, seed, config, plans):
 
 def follow_real(folder, config, plans):
     """``{who: (rms, …)}`` of the real recording, against a search over the whole sensor; as :func:`follow_scene`."""
-    from cmfpga.reference.global_search import search, translation  # torch
-
     events, _ = read(Path(folder) / REAL)
     begin, end = (int(events.t[0]) + at for at in REAL_FROM_TO)
     events = events[: int(np.searchsorted(events.t, end + 2 * FEWEST_US))]
