@@ -42,8 +42,7 @@ def run(options, missing, *, runs, seconds):
         program = HopProgram()
     for file in tqdm(files, unit="recording", disable=None, leave=False):
         rows.append({"recording": file.stem, **row_of(*play(*load(file, window, events), options.clock))})
-        if program:
-            timed += programs(file, program, events=events, runs=runs, seconds=seconds)
+        timed += programs(file, program, events=events, runs=runs, seconds=seconds) if program else []
     plans = {"search and judging round": AUTO, "search alone": ""}
     rates = {plan: {n: rate(n, after) for n in WINDOWS} for plan, after in plans.items()}
     lines = text(rows, rates, options.clock, window)
@@ -70,8 +69,7 @@ def load(path, window, count):
         width, height = recording.width, recording.height
         found = next(recording.chunks(0, count))
     config = _sliding(window, sensor_width=width, sensor_height=height)
-    size = config.roi_width, config.roi_height
-    of_each = counts(found, (width, height), size, [side // 4 for side in size])
+    of_each = counts(found, (width, height), config.roi_px, [side // 4 for side in config.roi_px])
     return config, found, max(sorted(of_each), key=of_each.get)
 
 
@@ -90,11 +88,11 @@ def programs(path, program, *, events, **options):
     rows = []
     for window in WINDOWS:
         config, found, corner = load(path, window, events)
-        inside = found[events_in_roi(found, corner, config.roi_width, config.roi_height)[0]][-window:]
+        width, height = config.roi_px
+        inside = found[events_in_roi(found, corner, width, height)[0]][-window:]
         if len(inside) < window:
             continue
-        size = {"width": config.roi_width, "height": config.roi_height}
-        job = Job(events=inside, roi=corner, **size, iterations=0, schedule=(), dither=True)
+        job = Job(events=inside, roi=corner, width=width, height=height, iterations=0, schedule=(), dither=True)
         with contextlib.closing(program.load(job)) as loaded:
             times = side_by_side([loaded.round, loaded.follow, loaded.tail], **options)
         taken = {what: each["median"] for what, each in zip(("round", "follow", "tail"), times, strict=True)}

@@ -60,35 +60,6 @@ class JobOfC(ctypes.Structure):
     )
 
 
-class CProgram:
-    """``form``.c of this package, or of a folder ``sources``, compiled with ``options`` beside :data:`OPTIONS`.
-
-    Raises :exc:`Unavailable`: there is no C compiler, or it refuses the program.
-    """
-
-    def __init__(self, form, sources=None, options=()):
-        self.form, self.name = form, f"C, {form}"
-        compiler = next((path for path in map(shutil.which, COMPILERS) if path), None)
-        if compiler is None:
-            raise Unavailable(f"no C compiler ({', '.join(COMPILERS)}) was found: no C programs")
-        with tempfile.TemporaryDirectory(prefix="cmfpga-") as folder:
-            library = str(Path(folder) / f"{form}.so")
-            arguments = ("-std=gnu11", "-fPIC", "-shared", f"{form}.c", "-o", library, "-lm")
-            call, here = [compiler, *OPTIONS, *options, *arguments], sources or Path(__file__).parent
-            done = subprocess.run(call, cwd=here, capture_output=True, text=True)
-            if done.returncode:
-                why = next((line for line in done.stderr.splitlines() if "error" in line), "no reason given")
-                raise Unavailable(f"{Path(compiler).name} does not compile {form}.c ({why}): no program {self.name!r}")
-            self.library = ctypes.CDLL(library)
-        self.library.work_new.restype = ctypes.c_void_p
-        version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout.splitlines()
-        self.how = f"{version[0] if version else compiler}, {' '.join((*OPTIONS, *options))}"
-
-    def load(self, job):
-        """A :class:`Loaded`: the job with all memory that it needs, ready to be timed."""
-        return Loaded(self.library, job)
-
-
 def _plan(schedule):
     """Levels, steps and strides of a schedule, as the programs read them."""
     levels, strides = (np.array([getattr(each, name) for each in schedule], np.int32) for name in ("level", "stride"))
@@ -107,9 +78,17 @@ class Loaded:
             *pointers[:3], len(events), *job.roi, job.width, job.height, job.iterations, job.dither, job.probes,
             *pointers[3:6], job.eta, (ctypes.c_double * 2)(*job.v_start),
         )  # fmt: skip
-        self._work = ctypes.c_void_p(library.work_new(ctypes.byref(self._job)))
-        if not self._work:
-            raise MemoryError(f"no memory for a batch of {len(events)} events")
+        self._rooms = []
+        self._work = self._room("work_new", f"a batch of {len(events)} events")
+
+    def _room(self, function, what):
+        """Memory that the program makes for the job."""
+        make = getattr(self._library, function)
+        make.restype = ctypes.c_void_p
+        self._rooms.append(ctypes.c_void_p(make(ctypes.byref(self._job))))
+        if not self._rooms[-1]:
+            raise MemoryError(f"no memory for {what}")
+        return self._rooms[-1]
 
     def _run(self, function, count):
         function(self._work, ctypes.byref(self._job), ctypes.c_int64(count))
@@ -142,9 +121,38 @@ class Loaded:
 
     def close(self):
         """Free what the job holds."""
-        if self._work:
-            self._library.work_free(self._work)
-            self._work = None
+        while self._rooms:
+            self._library.work_free(self._rooms.pop())
+
+
+class CProgram:
+    """``form``.c of this package, or of a folder ``sources``, compiled with ``options`` beside :data:`OPTIONS`.
+
+    Raises :exc:`Unavailable`: there is no C compiler, or it refuses the program.
+    """
+
+    loads = Loaded
+
+    def __init__(self, form, sources=None, options=()):
+        self.form, self.name = form, f"C, {form}"
+        compiler = next((path for path in map(shutil.which, COMPILERS) if path), None)
+        if compiler is None:
+            raise Unavailable(f"no C compiler ({', '.join(COMPILERS)}) was found: no C programs")
+        with tempfile.TemporaryDirectory(prefix="cmfpga-") as folder:
+            library = str(Path(folder) / f"{form}.so")
+            arguments = ("-std=gnu11", "-fPIC", "-shared", f"{form}.c", "-o", library, "-lm")
+            call, here = [compiler, *OPTIONS, *options, *arguments], sources or Path(__file__).parent
+            done = subprocess.run(call, cwd=here, capture_output=True, text=True)
+            if done.returncode:
+                why = next((line for line in done.stderr.splitlines() if "error" in line), "no reason given")
+                raise Unavailable(f"{Path(compiler).name} does not compile {form}.c ({why}): no program {self.name!r}")
+            self.library = ctypes.CDLL(library)
+        version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout.splitlines()
+        self.how = f"{version[0] if version else compiler}, {' '.join((*OPTIONS, *options))}"
+
+    def load(self, job):
+        """The job with all memory that it needs, ready to be timed."""
+        return self.loads(self.library, job)
 
 
 class _Tile(ctypes.Structure):
@@ -167,7 +175,7 @@ class _Flow(ctypes.Structure):
 
 
 class FlowProgram(CProgram):
-    """flow.c, compiled; raises :exc:`~.c_program.Unavailable` as :class:`~.c_program.CProgram` does."""
+    """flow.c, on threads."""
 
     def __init__(self):
         super().__init__("flow", options=("-pthread",))
@@ -201,27 +209,13 @@ class FlowProgram(CProgram):
         return run
 
 
-class HopProgram(CProgram):
-    """hop.c, compiled; raises :exc:`~.c_program.Unavailable` as :class:`~.c_program.CProgram` does."""
-
-    def __init__(self, sources=None):
-        super().__init__("hop", sources)
-        self.library.hop_new.restype = ctypes.c_void_p
-
-    def load(self, job):
-        """A :class:`LoadedHop`: the job is a window."""
-        return LoadedHop(self.library, job)
-
-
 class LoadedHop(Loaded):
     """A window in the program, its events cropped and dithered, as they are before a hop ends."""
 
     def __init__(self, library, job):
         super().__init__(library, job)
         self.batch()  # without iterations: crops and dithers
-        self._hop = ctypes.c_void_p(library.hop_new(ctypes.byref(self._job)))
-        if not self._hop:
-            raise MemoryError("no memory for four images")
+        self._hop = self._room("hop_new", "four images")
         self.follow()
 
     def round(self, count=1):
@@ -237,9 +231,11 @@ class LoadedHop(Loaded):
         self._library.run_tail(self._hop, self._work, ctypes.byref(self._job), ctypes.c_int64(count))
         return tuple(self._job.v)
 
-    def close(self):
-        """Free what the window holds."""
-        if self._hop:
-            self._library.hop_free(self._hop)
-            self._hop = None
-        super().close()
+
+class HopProgram(CProgram):
+    """hop.c; its jobs are windows."""
+
+    loads = LoadedHop
+
+    def __init__(self, sources=None):
+        super().__init__("hop", sources)

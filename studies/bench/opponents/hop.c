@@ -54,8 +54,6 @@ void run_round(Work *work, Job *job, int64_t count) {
 
 static size_t images(int width, int height) { return (size_t)EVALUATIONS * width * height * sizeof(Four); }
 
-void hop_free(Hop *hop) { free(hop); }
-
 Hop *hop_new(const Job *job) {
     const int width = (job->width + 1) >> LEVEL, height = (job->height + 1) >> LEVEL;
     Hop *hop = room(sizeof *hop + images(width, height));

@@ -46,7 +46,7 @@ static size_t rounded(size_t bytes) { return (bytes + 127) / 64 * 64; }
 
 static void *room(size_t bytes) { return aligned_alloc(64, rounded(bytes)); }
 
-void work_free(Work *work) { free(work); }
+void work_free(void *memory) { free(memory); }
 
 Work *work_new(const Job *job) {
     const size_t events = rounded((job->events + ROUND) * sizeof(int32_t)), start = rounded(sizeof(Work));
