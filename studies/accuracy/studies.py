@@ -53,27 +53,25 @@ WIDTH_FIELDS = ("dt_frac", "v_frac", "position_frac", "weight_frac", "derivative
 PLAIN_ETAS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 
 
-def _row(report, name, engine, config, cases, real):
-    """Cells of both suites for one configuration."""
-    values = measure(engine, config, errors, cases, progress=report.progress)
-    cells = report.cells(f"synthetic, {name}", ERRORS, values)[1:4]
-    if not real:
-        return cells
-    values = measure(engine, config, contrast_shares, real, progress=report.progress)
-    return *cells, *report.cells(f"real, {name}", SHARES, values)[1:3]
-
-
-def _row_heads(real):
-    return (*heads_of(ERRORS)[1:4], *(heads_of(SHARES)[1:3] if real else ()))
+def _compare(report, title, heads, rows, engine, cases, real, *, warm=False):
+    """Print a row for each of ``rows``, ``(name, first cells, configuration)``: both suites', or the warm one's."""
+    told = []
+    for name, cells, config in rows:
+        values = measure(engine, config, errors, cases, warm=warm, progress=report.progress)
+        found = report.cells(name if warm else f"synthetic, {name}", ERRORS, values)[1:4]
+        if real:
+            values = measure(engine, config, contrast_shares, real, progress=report.progress)
+            found += report.cells(f"real, {name}", SHARES, values)[1:3]
+        told.append((*cells, *found))
+    more = heads_of(SHARES)[1:3] if real else ()
+    report.table(title, (*heads, *heads_of(ERRORS)[1:4], *more), told)
 
 
 def _study_plain(config, engine, cases, real, report, **_):
     plain = preset("paper").replace(buffer_events=config.buffer_events)
-    rows = [
-        (f"{eta:g}", *_row(report, f"eta {eta:g}", "float", plain.replace(eta=eta), cases, real)) for eta in PLAIN_ETAS
-    ]
+    rows = [(f"eta {eta:g}", (f"{eta:g}",), plain.replace(eta=eta)) for eta in PLAIN_ETAS]
     title = f"The article's ascent in float64: constant η, T = {plain.iterations}, from v = 0"
-    report.table(title, ("η, (px/half batch)² per (events/px)²", *_row_heads(real)), rows)
+    _compare(report, title, ("η, (px/half batch)² per (events/px)²",), rows, "float", cases, real)
 
 
 def _study_peaks(config, engine, cases, real, report, **_):
@@ -104,30 +102,24 @@ def _study_schedules(config, engine, cases, real, report, **_):
     if not config.ascent_rule.has_table:
         raise ConfigError(f"ascent = {config.ascent!r}: schedules belong to ascent = newton")
     config = config.replace(schedule_entries=max(config.schedule_entries, 64))
-    rows = []
-    for cold in SCHEDULES:
-        changed = config.replace(cold=cold)
-        cells = _row(report, f"cold {cold}", engine, changed, cases, real)
-        rows.append((f"`{cold}`", len(changed.schedules.cold), *cells))
-    title = f"Cold schedules, entries LEVEL:H:LIMIT*COUNT ({engine} engine)"
-    report.table(title, ("schedule", "T", *_row_heads(real)), rows)
-    rows = []
-    for warm in WARM_SCHEDULES:
-        changed = config.replace(warm=warm)
-        values = measure(engine, changed, errors, cases, warm=True, progress=report.progress)
-        rows.append((f"`{warm}`", len(changed.schedules.warm), *report.cells(f"warm {warm}", ERRORS, values)[1:4]))
-    title = f"Warm schedules, from up to {WARM_RADIUS:g} px off ({engine} engine)"
-    report.table(title, ("schedule", "T", *_row_heads([])), rows)
+    for which, schedules, title, given in (
+        ("cold", SCHEDULES, f"Cold schedules, entries LEVEL:H:LIMIT*COUNT ({engine} engine)", real),
+        ("warm", WARM_SCHEDULES, f"Warm schedules, from up to {WARM_RADIUS:g} px off ({engine} engine)", []),
+    ):
+        rows = []
+        for text in schedules:
+            changed = config.replace(**{which: text})
+            rows.append((f"{which} {text}", (f"`{text}`", len(getattr(changed.schedules, which))), changed))
+        _compare(report, title, ("schedule", "T"), rows, engine, cases, given, warm=which == "warm")
 
 
 def _study_widths(config, engine, cases, real, report, **_):
     rows = []
     for widths in WIDTHS:
-        changed = config.replace(**dict(zip(WIDTH_FIELDS, widths, strict=True)))
         name = ", ".join(map(str, widths))
-        rows.append((name, *_row(report, f"widths {name}", engine, changed, cases, real)))
-    heads = ("fraction bits: dt, v, position, weight, derivative, dither", *_row_heads(real))
-    report.table(f"Word widths ({engine} engine)", heads, rows)
+        rows.append((f"widths {name}", (name,), config.replace(**dict(zip(WIDTH_FIELDS, widths, strict=True)))))
+    heads = ("fraction bits: dt, v, position, weight, derivative, dither",)
+    _compare(report, f"Word widths ({engine} engine)", heads, rows, engine, cases, real)
 
 
 STUDIES = {

@@ -78,13 +78,12 @@ def brief(engine, *, data=None, batches=BATCHES):
     config, cases, scores, text = preset("fast"), synthetic_cases(batches), {}, []
     for start, warm in STARTS:
         found = scores[f"synthetic, {start}"] = scored(ERRORS, measure(engine, config, errors, cases, warm=warm))
-        shares = (percent(found[f"below_{limit}_px"]) for limit in ("0.6", "0.3"))
-        told = "preset fast, {}, {} synthetic batches, {}: {} % within 0.6 px, {} % within 0.3 px"
-        text.append(told.format(engine, found["batches"], start, *shares))
+        most, many = (percent(found[f"below_{limit}_px"]) for limit in ("0.6", "0.3"))
+        told = f"{found['batches']} synthetic batches, {start}: {most} % within 0.6 px, {many} % within 0.3 px"
+        text.append(f"preset fast, {engine}, {told}")
     if data is not None:
         found = scores["real, cold"] = scored(SHARES, measure(engine, config, contrast_shares, real_cases(data)))
-        shares = (percent(found[f"at_least_{least}_percent"]) for least in (97, 99))
-        told = "preset fast, {}, {} real batches, cold: {} % reach 97 % of the best contrast, {} % reach 99 %; {}"
-        drop = f"{found['batches_that_drop_events']} drop events"
-        text.append(told.format(engine, found["batches"], *shares, drop))
+        most, many = (percent(found[f"at_least_{least}_percent"]) for least in (97, 99))
+        told = f"{found['batches']} real batches, cold: {most} % reach 97 % of the best contrast, {many} % reach 99 %"
+        text.append(f"preset fast, {engine}, {told}; {found['batches_that_drop_events']} drop events")
     return {"scores": scores, "text": text}
