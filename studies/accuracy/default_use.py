@@ -1,9 +1,8 @@
 """Recordings tracked in the default use: how many batches are answered, trusted, and wrong all the same.
 
-Known ones; and whole ones with no option beside the ROI: a grid of ROIs on the slider, and ``--roi auto``. The camera
-on the slider's rail sees everything move along x only: vy = 0 is the truth of all its windows. The other recordings'
-truth is that of :mod:`.known`, or else a search in float64 over the events of a larger place in the same window: it
-shares the objective, not the ROI, the start or the arithmetic.
+Known ones; and whole ones with no option beside the ROI. The camera on the slider's rail sees everything move along x
+only: vy = 0 is the truth of all its windows. Others' truth is that of :mod:`.known`, or else a search in float64 over
+the events of a larger place in the same window: it shares the objective, not the ROI, the start or the arithmetic.
 """
 
 import itertools
@@ -121,18 +120,14 @@ def measure(known, config, engine, *, with_foreign=False):
 def scores(values, tracks):
     """The values as scores: shares, and errors in px per half batch; None where there is nothing to take it of."""
     answered, trusted = values[:, 0] > 0, values[:, 1] > 0
-    wrong = trusted & (values[:, 2] > WRONG)
+    columns = values[trusted, 2], values[:, 3], values[:, 4]
+    error, motion, known_to = (float(np.median(each)) if len(each) else None for each in columns)
     return {
-        "tracks": tracks,
-        "batches": len(values),
-        "answered": int(answered.sum()),
-        "trusted": int(trusted.sum()),
-        "wrong_of_trusted": int(wrong.sum()),
-        "median_error_of_trusted_px": float(np.median(values[trusted, 2])) if trusted.any() else None,
-        "median_motion_px": float(np.median(values[:, 3])) if len(values) else None,
-        "truth_known_to_px": float(np.median(values[:, 4])) if len(values) else None,
+        "tracks": tracks, "batches": len(values), "answered": int(answered.sum()), "trusted": int(trusted.sum()),
+        "wrong_of_trusted": int((values[trusted, 2] > WRONG).sum()), "median_error_of_trusted_px": error,
+        "median_motion_px": motion, "truth_known_to_px": known_to,
         "in_ellipses": in_ellipses(values[trusted, 5]) if np.isfinite(values[trusted, 5]).all() else [],
-    }
+    }  # fmt: skip
 
 
 def _row(report, what, engine, values, tracks, **more):

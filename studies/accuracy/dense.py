@@ -1,9 +1,8 @@
 """Dense flow: tiles of a scene whose flow is known, and of real recordings, one window each.
 
-What the flow of a tile is measured against: the true one of the scene that ``flow`` makes without a recording; of a
-turning camera the field of the rotation that maximises the contrast of all events; else the best contrast of the tile
-itself, by a fine search from v = 0 that knows nothing of the tiles around it. Tiles with fewer than 60 events are left
-out. Errors are px per half window.
+The truth of a tile is the scene's flow; of a turning camera that of the rotation that maximises the contrast of all
+events; else the best contrast of the tile itself, by a search that knows nothing of the tiles around it. Errors are px
+per half window.
 """
 
 from contextlib import closing

@@ -65,10 +65,7 @@ def scene(name, width, height, share, seed):
 
 
 def measured(name, width, height, share, seed, engine="model"):
-    """The first window of a scene; each tile's error, px per half window; and that in deviations, squared.
-
-    NaN of degenerate ones, and of those in doubt.
-    """
+    """The first window of a scene; each tile's error, px per half window, and that in deviations, squared; or NaN."""
     events, fields = scene(name, width, height, share, seed)
     recording = MemoryRecording(events, width, height, name)
     with warnings.catch_warnings():

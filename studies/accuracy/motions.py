@@ -1,12 +1,8 @@
 """Motions beyond translation: synthetic batches of known rotation, zoom and roll, and real recordings of a rotation.
 
-Synthetic: bars on a field that is larger than what is seen, a camera without distortion (f = 200 px), 10 % noise. The
-motion is drawn evenly: along both axes up to 6 px per half batch at the principal point and 3 px of roll at the lever
-arm; of a similarity up to 4 px each of vx, vy, zoom and roll. The error is that of the flow, on a grid over the ROI.
-Then 4 times as many batches that are cut: 1/16 of the time to all of it, and 35 to 100 % of its events.
-
-Real, with a folder of recordings: two of a turning camera, each one batch, against a global float search over all
-events; and a camera that pans, tracked, against its gyroscope.
+Synthetic: bars on a field that is larger than what is seen. The motion is drawn evenly; the error is that of the flow,
+on a grid over the ROI. Then batches that are cut. Real, with a folder of recordings: two of a turning camera, each one
+batch, against a global float search over all events; and a camera that pans, tracked, against its gyroscope.
 """
 
 from contextlib import closing
@@ -246,8 +242,8 @@ def _slice(config, result, true):
 def run_panned(options, config, report):
     """Print how sharp each distortion is, and how well ωy follows the gyroscope without one and with the sharpest.
 
-    The recording has no calibration. Its speed beside the gyroscope tells the focal length; the lens's distortion k1 is
-    told by its events alone: that under which the image that the lens makes, warped by a rotation, is sharpest.
+    The recording has no calibration. Its speed beside the gyroscope tells the focal length, its events alone k1: that
+    under which the image that the lens makes, warped by a rotation, is sharpest.
     """
     path = Path(options.data) / PANNED
     events, sensor = read(path)

@@ -1,9 +1,8 @@
 """Real recordings of DAVIS cameras: batches in :data:`WINDOWS`, of the ROIs with most events in each; and a track.
 
 In each window the image moves by 3 to 5 px per half batch. The motion is not known, so the yardstick is the contrast at
-the v found, as a share of the best that a fine search finds (:mod:`.yardstick` tells which contrast). The batches run
-with the configuration as it is: where its buffer is too small for a batch, events are dropped, and that is counted.
-The track is of a camera that is tilted at a constant speed, batch by batch with a moving ROI.
+the v found, as a share of the best that :mod:`.yardstick` finds. Where the configuration's buffer is too small for a
+batch, events are dropped, and that is counted. The track is of a camera that is tilted at a constant speed.
 """
 
 import math
@@ -47,13 +46,7 @@ ROI_STEP = 8  # px; ROIs are looked for at multiples of this
 
 
 def real_cases(folder):
-    """The real batches, a list of :class:`Case`.
-
-    In each window the ROI with most events is taken first, then the one with most events of those that do not overlap
-    it, and so on; ROIs with fewer than 500 or more than 4096 events, or with a hot pixel, are not taken.
-
-    Raises :exc:`RecordingError` where a recording is missing.
-    """
+    """The real batches, a list of :class:`Case`. Raises :exc:`RecordingError` where a recording is missing."""
     made = []
     for windows in WINDOWS:
         events, sensor = read(Path(folder) / windows.file)
@@ -75,7 +68,7 @@ def counts(events, sensor, size, step):
 
 
 def _busiest_rois(batch, sensor, windows):
-    """``[((x, y), events)]`` of one window."""
+    """``[((x, y), events)]`` of one window: that with most events, then of those that do not overlap it, and so on."""
 
     def holds(roi, pixel):
         return pixel is not None and all(0 <= at - corner < ROI for at, corner in zip(pixel, roi, strict=True))

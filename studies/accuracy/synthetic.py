@@ -1,11 +1,9 @@
 """Synthetic batches: an object moves at a constant, known velocity.
 
-For each batch these are drawn: its texture (sparse line segments, or dense), speed 0 to 9 px per half batch, direction,
-share of noise events 0 to 30 %, and a number of ROI events to aim at, 200 to 2000. The events are not thinned out: what
-an edge emits is what it crosses. An edge is strong enough to emit :data:`EVENTS_PER_EDGE` events on average during the
-batch, so a slow object has edges of several contrast thresholds per pixel, up to :data:`MAX_CONTRAST`. The object is as
-large as the number of events asks for, within limits: large enough to have a shape, small enough to stay in the ROI. A
-scene that gives fewer than 200 or more than 2000 events all the same is drawn anew with the same velocity.
+Of each batch texture, speed, direction, noise and a number of ROI events to aim at are drawn. An edge is strong enough
+to emit :data:`EVENTS_PER_EDGE` events on average during the batch, so edges of a slow object have several contrast
+thresholds per pixel. The object is as large as the number of events asks for: it has a shape, and stays in the ROI. A
+scene with fewer or more events than :data:`ROI_EVENTS` is drawn anew with the same velocity.
 """
 
 import math

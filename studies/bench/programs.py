@@ -21,9 +21,9 @@ def side_by_side(actions, *, runs, seconds, clock=time.thread_time, step=lambda:
     """:func:`times_of` a repetition of ``actions``, in turn, so that a slow moment of the machine hits all.
 
     Each action does its work a given number of times; it is called once before, so that nothing is compiled or paged in
-    while timed. A run, of ``runs``, repeats it until it lasts about ``seconds``; short work could not be timed
-    otherwise. The ``clock`` is by default the time that the processor gave to this thread, which other work on the
-    machine does not lengthen. ``step`` is called after every run, for a progress bar.
+    while timed. A run repeats it until it lasts about ``seconds``; short work could not be timed otherwise. The
+    ``clock`` is by default this thread's, which other work on the machine does not lengthen. ``step`` is called after
+    every run.
     """
     counts = [_count(action, clock, seconds) for action in actions]
     taken = [[] for _ in actions]
@@ -84,10 +84,7 @@ def time_programs(case, programs, *, v_start, **options):
 
 
 def time_foreign(case, *, runs, seconds):
-    """A row, JSON-ready, of each foreign program: the whole batch from v = 0, by its own search, on all its threads.
-
-    Raises :exc:`~cmfpga.errors.MissingPackage` where it is not installed.
-    """
+    """A row, JSON-ready, of each foreign program: the whole batch from v = 0, by its own search, on all its threads."""
     from ..accuracy.foreign import FOREIGN, find
 
     batch = case.workload

@@ -1,11 +1,9 @@
 """Programs for an ordinary computer that do what the core does, written to be hard to beat.
 
-Who says that an accelerator is fast has to say: than what. Each program here gets the events of a whole batch in memory
-and returns v, by the article's ascent (constant η) or by the sign ascent with dither, levels and schedule. The events
-vote into one image, and then each reads its four pixels back, because Σ I·D over the pixels is the same sum taken over
-the events: in float32 (``gather.c``), and in integers of 16 bits (``int16.c``), which is faster.
-
-The tests compare both with the float64 reference.
+Each gets the events of a whole batch in memory and returns v, by the article's ascent (constant η) or by signs, with
+dither, levels and schedule. The events vote into one image, and then each reads its four pixels back, because Σ I·D
+over the pixels is the same sum taken over the events: in float32 (``gather.c``), and in integers of 16 bits
+(``int16.c``), which is faster. The tests compare both with the float64 reference.
 """
 
 from .c_program import CProgram, Job, Unavailable
