@@ -27,9 +27,9 @@ from cmfpga.reference.global_search import rotation, rotation_as_seen, search
 from cmfpga.rtl.core import Core
 
 from .foreign import FOREIGN, find_rotation
-from .judged import WRONG, separation
+from .judged import WRONG, judgement
 from .known import data, read
-from .table import ERRORS, heads_of, percent
+from .table import ERRORS, decimal, heads_of, percent
 
 MOTIONS = ("rotation", "similarity")
 
@@ -152,16 +152,13 @@ def _confidence(options, config, report):
             sure = is_trustworthy(config, result)
             told.append((*flow_errors(config, result.v, true), kappa, sure))
             off += [np.abs(result.v - true) / deviations(config, result)] if sure else []
-    told = np.array(told).reshape(-1, 4)
-    sure = told[:, 3] > 0
-    for what, errors in zip(KINDS, told[:, :2].T, strict=True):
-        wrong = errors > WRONG
-        shares = [wrong.mean(), sure.mean(), sure[~wrong].mean(), wrong[sure].mean()] if sure.any() else [wrong.mean()]
-        auc, _ = separation(np.stack([errors, told[:, 2]], axis=1))
-        names = ("wrong", "trusted", "right_trusted", "wrong_of_trusted")
-        scores = {"auc": auc, **dict(zip(names, map(float, shares), strict=False))}
-        report.keep(f"{config.motion}, confidence, {what}", np.stack([errors, *told[:, 2:].T], axis=1), scores)
-        rows.append((what, len(told), f"{auc:.3f}", *map(percent, shares)))
+    told = np.array(told, float).reshape(-1, 4)
+    for k, what in enumerate(KINDS):
+        values = told[:, [k, 2, 3]]
+        scores = judgement(values) | {"right_trusted": float(values[values[:, 0] <= WRONG, 2].mean())}
+        scores = {key: scores[key] for key in ("auc", "wrong", "trusted", "right_trusted", "wrong_of_trusted")}
+        auc, *shares = report.keep(f"{config.motion}, confidence, {what}", values, scores).values()
+        rows.append((what, len(told), decimal(auc, 3), *map(percent, shares)))
     held = [float((np.array(off) < limit).mean()) for limit in (0.674, 0.994, 1.96)] if off else []
     name = f"{config.motion}, parameters within 0.674, 0.994, 1.96 deviations (50, 68, 95 %)"
     report.keep(name, held, {"held": held})

@@ -91,7 +91,6 @@ LONG = dataclasses.replace(SCENES[1], name="sinusoid, 6 s", seconds=6.0)
 REAL, REAL_ROI, REAL_EVENTS, REAL_BAR = "davis240c_shapes_rotation_0.0s.h5", (100, 30), 1000, 40.0
 REAL_FROM_TO, REAL_WINDOW = (550_000, 1_430_000), 3000  # µs, events
 
-
 #: Of recordings of known motion: every so many of the ROIs, how long each, and the fewest events that make a window.
 KNOWN_ROIS, KNOWN_US, KNOWN_FEWEST = slice(4, None, 9), 1_500_000, 100
 
@@ -130,7 +129,7 @@ def windows_of(config, count, span_us, plan):
 def slide(config, events, roi, truth):
     """The :class:`Course` of windows that slide; ``truth(first, last)``: mean (vx, vy) between two times."""
     settings, core = BatchSettings.from_config(config, roi=roi), SlidingCore(config)
-    rows, judged, free = [], [], 0.0
+    found, free = [], 0.0
     for hop in Sliding(config, settings).run(events.t, events.x, events.y):
         alone = core.cycles(roi_events=hop.roi_events, iterations=max(1, hop.iterations))
         # The first round may have begun long before the last event; then only the tail is left.
@@ -140,37 +139,33 @@ def slide(config, events, roi, truth):
             ready = max(hop.t_us + core.tail / CLOCK_MHZ, free + alone / CLOCK_MHZ)
         judges = len(settings.after) * core.cycles(roi_events=hop.roi_events, iterations=1) * bool(hop.iterations)
         free = ready + judges / CLOCK_MHZ
-        degenerate = Flag.DEGENERATE in hop.flags
-        v = (0.0, 0.0) if degenerate else np.divide(hop.v, hop.span * 0.5e-6)
-        rows.append((ready, *v, *hop.roi_next))
-        if not degenerate:
-            true = np.multiply(truth(hop.t_first, hop.t_us), hop.span * 0.5e-6)
-            judged.append(_judged(hop, confidence(config, hop), true))
-    return _course(rows, judged)
+        found.append((ready, hop, hop.roi_next, (hop.t_first, hop.t_us)))
+    return _course(config, found, truth)
 
 
 def batches(config, events, roi, count, truth):
     """The :class:`Course` of batches of ``count`` ROI events, as ``track`` follows the object."""
-    rows, judged, core = [], [], Core(config)
+    found, core = [], Core(config)
     recording = MemoryRecording(events, config.sensor_width, config.sensor_height, "events")
     cutter = BatchCutter(recording, roi_events=count, max_events=config.max_batch_events)
     with closing(make_engine("model", config)) as engine:
         for batch in track(engine, cutter, roi=roi):
-            result, last = batch.result, int(batch.events.t[-1])
-            ready = last + core.iterated_cycles(result.roi_events, result.iterations) / CLOCK_MHZ
-            rows.append((ready, *(batch.v_px_per_s or (0.0, 0.0)), *batch.roi_next))
-            if Flag.DEGENERATE not in batch.flags:
-                true = np.multiply(truth(int(batch.events.t[0]), last), result.span / 2e6)
-                judged.append(_judged(result, batch.confidence, true))
-    return _course(rows, judged)
+            last = int(batch.events.t[-1])
+            ready = last + core.iterated_cycles(batch.result.roi_events, batch.result.iterations) / CLOCK_MHZ
+            found.append((ready, batch.result, batch.roi_next, (int(batch.events.t[0]), last)))
+    return _course(config, found, truth)
 
 
-def _judged(result, kappa, true):
-    """As of :func:`~.judged.judge`; ``true`` in px per half window."""
-    return math.dist(result.v, true), -math.inf if kappa is None else kappa, is_sure(result)
-
-
-def _course(rows, judged):
+def _course(config, found, truth):
+    """The :class:`Course` of ``found``, ``[(when, result, next ROI, times of the first and last event)]``, µs."""
+    rows, judged = [], []
+    for ready, result, corner, times in found:
+        v, half_s = (0.0, 0.0), result.span / 2e6
+        if Flag.DEGENERATE not in result.flags:
+            v, kappa = np.divide(result.v, half_s), confidence(config, result)
+            off = math.dist(result.v, np.multiply(truth(*times), half_s))
+            judged.append((off, -math.inf if kappa is None else kappa, is_sure(result)))
+        rows.append((ready, *v, *corner))
     table = np.array(rows, float).reshape(-1, 5)
     return Course(table[:, 0], table[:, 1:3], table[:, 3:], np.array(judged, float).reshape(-1, 3))
 
