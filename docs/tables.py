@@ -30,9 +30,7 @@ from cmfpga.verilog.ports import port_table
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "boards").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-
-#: The two architectures, the default one first.
-BOTH = ("fast", "paper")
+BOTH = ("fast", "paper")  # the two architectures, the default one first
 
 # What no docstring says in a few words: how often a block takes an item.
 THROUGHPUT = {

@@ -15,8 +15,7 @@ import json
 import sys
 from pathlib import Path
 
-#: What a .bit begins with, length first.
-MAGIC = bytes.fromhex("0009 0ff00ff00ff00ff000 0001")
+MAGIC = bytes.fromhex("0009 0ff00ff00ff00ff000 0001")  # what a .bit begins with, length first
 FIELDS = {"a": "design", "b": "part", "c": "date", "d": "time"}
 SYNC_WORD = bytes.fromhex("aa995566")
 

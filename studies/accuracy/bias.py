@@ -96,8 +96,7 @@ def _seen(pattern, column, row, v, t):
     return upper * (1 - down) + lower * down
 
 
-#: What holds the events of a scene that fills the ROI.
-ROOMY = {"buffer_events": 8191}
+ROOMY = {"buffer_events": 8191}  # what holds the events of a scene that fills the ROI
 
 #: What is seen, by whom, and fields of the configuration.
 CAUSES = (

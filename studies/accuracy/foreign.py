@@ -5,8 +5,7 @@ import numpy as np
 from cmfpga.errors import needs
 from cmfpga.imaging.iwe import events_in_roi
 
-#: Its name in tables.
-FOREIGN = "eventcv"
+FOREIGN = "eventcv"  # its name in tables
 
 
 def _stream(x, y, t, p, size):

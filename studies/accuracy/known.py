@@ -36,10 +36,8 @@ DRAWN_SPEED, DRAWN_SIZE = (1.3, 2.8), (16, 161)
 DRAWN = {"usual": (0.2, (0.5, 2.0)), "faint": (0.25, (0.4, 1.2))}
 #: Where the first batch's ROI lies off an object's place then, px.
 OFFSETS = tuple((x, y) for y in range(-20, 21, 10) for x in range(-24, 25, 6))
-#: Columns and rows of ROIs over a whole sensor.
-GRID = (9, 5)
-#: From this column on the calibration of the turning camera holds, px.
-CALIBRATED = 24
+GRID = (9, 5)  # columns and rows of ROIs over a whole sensor
+CALIBRATED = 24  # from this column on the calibration of the turning camera holds, px
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,8 +196,7 @@ def _spinner(path):
     return Known("spinner", events, sensor, rois, truth, doubt_px=doubt, in_sum=False)
 
 
-#: px/s, as far apart as fits to windows of 10,000, 20,000 and 40,000 events are.
-GYROSCOPE_DOUBT = 2.5
+GYROSCOPE_DOUBT = 2.5  # px/s, as far apart as fits to windows of 10,000, 20,000 and 40,000 events are
 
 
 def _gyroscope(path):

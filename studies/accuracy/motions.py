@@ -44,15 +44,13 @@ SCENES = {
 }
 #: Batches that are cut, for each of the others; the longest and the shortest share of the time, and of the events.
 CUTS, SHARES = 4, ((1 / 16, 1.0), (0.35, 1.0))
-#: Errors of the flow, and what is told of each.
-KINDS = ("rms over the ROI", "largest, at the edge")
+KINDS = ("rms over the ROI", "largest, at the edge")  # errors of the flow, and what is told of each
 FLOW_ERRORS = {name: ERRORS[name] for name in ("batches", "below_0.3_px", "below_0.6_px")} | {
     "median": ("median, px", *ERRORS["median_px"][1:]),
     "largest": ("largest, px", *ERRORS["largest_px"][1:]),
 }
 
-#: Into how many parts of equally many events they are cut.
-PARTS = (1, 2, 4)
+PARTS = (1, 2, 4)  # into how many parts of equally many events they are cut
 
 #: Of a turning camera, one batch each.
 ROTATIONS = ("davis240c_poster_rotation_0.6s.h5", "davis240c_shapes_rotation_2.1s_gtflow.h5")

@@ -48,9 +48,7 @@ WIDTHS = (
     (4, 5, 2, 1, 1, 1),
 )
 WIDTH_FIELDS = ("dt_frac", "v_frac", "position_frac", "weight_frac", "derivative_frac", "dither_frac")
-
-#: η of the article's ascent to choose the best of.
-PLAIN_ETAS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+PLAIN_ETAS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # η of the article's ascent to choose the best of
 
 
 def _compare(report, title, heads, rows, engine, cases, real, *, warm=False):

@@ -10,11 +10,9 @@ from cmfpga.events import Events, generate
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.verilog import description
 
-#: How far the object moves in half a batch, px; the middle of where batches are measured best.
-MOTION_PX = (3.0, -2.0)
+MOTION_PX = (3.0, -2.0)  # how far the object moves in half a batch, px; the middle of where batches are measured best
 DURATION_US = 50_000
-#: Share of the ROI's events that are noise.
-NOISE = 0.05
+NOISE = 0.05  # share of the ROI's events that are noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +62,7 @@ def _outside(count, roi, width, height, sensor, rng):
     return Events.concatenate(parts)
 
 
-#: Ascents: the article's, and rounds without and with a last v.
-CONSTANT, COLD, WARM = "constant", "cold", "warm"
+CONSTANT, COLD, WARM = "constant", "cold", "warm"  # ascents: the article's, and rounds without and with a last v
 
 #: What the programs do in place of rounds: steps by signs, which cost a program less, and find v as well.
 STEPS = {
@@ -73,8 +70,7 @@ STEPS = {
     WARM: "1:-1/2 1:-2/2 1:-2 1:-3*2 0:-4",
 }
 
-#: Names of the batches that the limits are for.
-ARTICLE, KIM = "the article's batch", "Kim and Kim's case"
+ARTICLE, KIM = "the article's batch", "Kim and Kim's case"  # names of the batches that the limits are for
 
 
 @dataclass(frozen=True, kw_only=True)

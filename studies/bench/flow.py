@@ -26,8 +26,7 @@ from .opponents.c_program import FlowProgram
 from .programs import or_missing, processor, side_by_side, times_of
 
 EVENTS = 30_000
-#: Windows back to back; the time from the first one's end to the last one's counts.
-WINDOWS = 3
+WINDOWS = 3  # windows back to back; the time from the first one's end to the last one's counts
 SYNTHETIC = "synthetic, the camera turns"
 #: Of the program in C, from v = 0 and from the coarse tile's v.
 COARSE, FINE = STEPS[COLD], "1:-1/2 1:-2/2 1:-3*2 0:-3 0:-4 0:-5"

@@ -25,8 +25,7 @@ from .programs import or_missing, processor, side_by_side
 
 #: A longer pause, in clock cycles, changes nothing for warm hops: the round has caught up, and the one after has ended.
 LONGEST_PAUSE = 1500
-#: Lengths of a window that programs are timed for, events.
-WINDOWS = 400, 800, 2000
+WINDOWS = 400, 800, 2000  # lengths of a window that programs are timed for, events
 
 
 def run(options, missing, *, runs, seconds):

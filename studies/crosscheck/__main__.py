@@ -6,5 +6,4 @@ from cmfpga import cli
 
 from . import main
 
-if __name__ == "__main__":
-    sys.exit(cli.run(main))
+sys.exit(cli.run(main))

@@ -32,10 +32,8 @@ BATCHES = 3 * len(PATTERNS)
 LENGTHS = ("cold", "warm", "follow", "after", "window_events", "window_us", "hop_events", "hop_us")
 #: Clock cycles after which no further batch begins: seconds of Verilator, and of Amaranth's simulator.
 CYCLES, SLOW_CYCLES = 1_500_000, 15_000
-#: The same in iterations of regions, which cost the model more than the hardware.
-ITERATIONS = 2500
-#: Runs of batches back to back, before each of which tables are written, or the hardware is reset in mid-batch.
-RUNS = 6
+ITERATIONS = 2500  # the same in iterations of regions, which cost the model more than the hardware
+RUNS = 6  # runs of batches back to back, before each of which tables are written, or the hardware is reset in mid-batch
 
 
 class MismatchError(Exception):

@@ -21,10 +21,8 @@ from .compare import MismatchError, equal, events_of, same
 
 #: Streams, each out of a reset in mid-batch; parts of each, between which settings and tables are written.
 STREAMS, PARTS = 4, 4
-#: Clock cycles that a part may take.
-CYCLES = 5_000_000
-#: After so many cycles without a stall no word is left in a FIFO or a decoder.
-SETTLED = 20_000
+CYCLES = 5_000_000  # clock cycles that a part may take
+SETTLED = 20_000  # after so many cycles without a stall no word is left in a FIFO or a decoder
 
 
 def through_the_shell(config, rng):
