@@ -103,19 +103,15 @@ def make_cases(quick=False):
     if quick:
         return cases
 
-    full, name = preset("full-frame"), "full-frame"
-    size = {"width": full.roi_width, "height": full.roi_height}
-    batch = make_workload(KIM, events=5000, roi_events=5000, **size)
+    full = preset("full-frame")
+    batch = make_workload(KIM, events=5000, roi_events=5000, width=240, height=180)
     size = {key: getattr(full, key) for key in ("roi_width", "roi_height", "buffer_events", "ram_style")}
     large = paper.replace(**size)
     one_pass = large.replace(gradient="one_pass", tag_bits=full.tag_bits)
     designs = {"core, paper at 240×180": large, "core, the same in one pass": one_pass}
-    cases += [constant_case(batch, designs, 90), *round_cases(batch, name, full)]
-
-    config = preset("fast-128")
-    size = {"width": config.roi_width, "height": config.roi_height}
-    batch = make_workload("the article's density on 128×128", events=20000, roi_events=3200, **size)
-    return [*cases, *round_cases(batch, "fast-128", config)]
+    cases += [constant_case(batch, designs, 90), *round_cases(batch, "full-frame", full)]
+    batch = make_workload("the article's density on 128×128", events=20000, roi_events=3200, width=128, height=128)
+    return [*cases, *round_cases(batch, "fast-128", preset("fast-128"))]
 
 
 def constant_case(batch, designs, iterations):
