@@ -32,22 +32,16 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((RO
 BLOCK = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 BOTH = ("fast", "paper")  # the two architectures, the default one first
 
-# What no docstring says in a few words: how often a block takes an item.
+# What no docstring says in a few words: how often a block takes an item; blocks in the order of the diagram.
 THROUGHPUT = {
-    "ingest_control": "one event a cycle",
-    "roi_filter": "one event a cycle",
-    "thinner": "one event a cycle",
+    **dict.fromkeys(("ingest_control", "roi_filter", "thinner"), "one event a cycle"),
     "event_buffer": "one event a cycle, in and out",
     "reciprocal": "one division at a time",
-    "dither": "one event a cycle",
-    "time_scaler": "one event a cycle",
-    "warp": "one event a cycle",
-    "voter": "one event a cycle",
+    **dict.fromkeys(("dither", "time_scaler", "warp", "voter"), "one event a cycle"),
     "evaluators": "one event, four times, in four cycles; or side by side in one",
     "accumulator": "one event, or one swept address, a cycle",
     "gradient_reader": "four pixels a cycle",
-    "tagged_accumulator": "one event a cycle",
-    "one_pass_gradient": "one event a cycle",
+    **dict.fromkeys(("tagged_accumulator", "one_pass_gradient"), "one event a cycle"),
     "gradient": "one gradient in {lead} cycles",
     "schedule": "one iteration a cycle",
     "means": "one round at a time",
@@ -64,11 +58,10 @@ THROUGHPUT = {
 def formats_table():
     """Formats of `fast` and of `paper`, side by side."""
     fast, paper = (formats(preset(name)) for name in BOTH)
-    rows = [
-        (name, fast[name]["format"], fast[name]["bits"], paper[name]["format"], paper[name]["bits"], what["meaning"])
-        for name, what in fast.items()
-    ]
-    rows = [(*row[:-1], re.sub(r", 1\.0 = \d+", "", row[-1])) for row in rows]
+    rows = []
+    for name, what in fast.items():
+        both = (each[key] for each in (what, paper[name]) for key in ("format", "bits"))
+        rows.append((name, *both, re.sub(r", 1\.0 = \d+", "", what["meaning"])))
     return table(("value", "`fast`", "bits", "`paper`", "bits", "meaning"), rows, right=(2, 4))
 
 
@@ -114,25 +107,21 @@ def memories_table():
 
 
 def ports_table():
-    """Ports of `fast`, then what only `paper` has."""
+    """Ports of `fast`, then what only `paper` has. Those that are left open need no line each."""
     rows = {}
     for name in BOTH:
         for port in port_table(elaborated(preset(name))):
-            known = re.sub(r"^trace_pixels_\d_", "trace_pixels_", port.name)
-            shown = re.sub(r"^(trace_pixels)_(i|dx|dy)$", r"\1_0_\2 … \1_3_\2", known)
-            shown = f"`{shown}`".replace(" … ", "` … `")
-            row = rows.setdefault(known, {"port": shown, "direction": port.direction, "meaning": port.meaning})
+            row = rows.setdefault(port.name, {"direction": port.direction, "meaning": port.meaning})
             row[name] = f"{port.bits}{' signed' if port.signed else ''}"
     head = ("port", "direction", *(f"bits, `{name}`" for name in BOTH), "meaning")
-    lines = [[row.get(part, "–") for part in ("port", "direction", *BOTH, "meaning")] for row in rows.values()]
-    # Those that are left open need no line each.
-    lines = [line for line in lines if "`trace_" not in line[0]]
+    lines = [(f"`{port}`", *(row.get(part, "–") for part in ("direction", *BOTH, "meaning")))
+             for port, row in rows.items() if not port.startswith("trace_")]  # fmt: skip
     lines.append(("`trace_…`", "output", "", "", "for verification; leave open"))
     return table(head, lines, right=(2, 3))
 
 
 def blocks_table():
-    """Blocks in the order of the diagram, with ports and latency."""
+    """Blocks with ports and latency."""
     rows = {}
     for preset_name in BOTH:
         core = elaborated(preset(preset_name))
