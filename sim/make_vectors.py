@@ -55,12 +55,8 @@ def pack(row, widths):
 class Vectors:
     """The memories' words, filled batch by batch.
 
-    Attributes
-    ----------
-    columns : dict
-        Of each memory, ``{column: bits}``. Columns that have the name of a port go there, or must come from there.
-    rows : dict
-        Of each memory, a list of ``{column: value}``.
+    ``columns`` are of each memory ``{column: bits}``: those that have the name of a port go there, or must come from
+    there. ``rows`` are of each memory a list of ``{column: value}``.
     """
 
     def __init__(self, config):
@@ -137,14 +133,9 @@ class Vectors:
             self._put("trace", leaves({"v": v, "sums": iteration.sums.named(config)}, "trace"))
         header = {"count": n, "stall": batch.stall, "reset_after": reset_after, "alone": batch.alone}
         self._put("batches", header | leaves(inputs, "settings"))
-        outputs = {
-            "v": dict(zip(names, self.model.v, strict=True)),
-            "t_first": t[0],
-            "sums": sums,
-            "cycles": cycles,
-            "flags": int(result.flags),
-        }
-        outputs = {field.name: getattr(result, field.name) for field in fields_of("batch", "region")} | outputs
+        outputs = {field.name: getattr(result, field.name) for field in fields_of("batch", "region")}
+        outputs |= {"v": dict(zip(names, self.model.v, strict=True)), "t_first": t[0], "flags": int(result.flags)}
+        outputs |= {"sums": sums, "cycles": cycles}
         self._put("results", {"count": result.iterations * each, **leaves(outputs, "result")})
         if reset_after:
             self.model = IntegerCore(self.config)
@@ -158,15 +149,14 @@ class Vectors:
     def constants(self):
         """Numbers that the bench needs, by name."""
         config, core = self.config, self.core
+        swept = core.sweep_cycles + core.image.latency if config.gradient == "sweep" else config.geometry.bank_depth
         return {
             "BUFFERS": config.buffers,
             **{memory.upper(): len(rows) for memory, rows in self.rows.items()},
             **{f"{memory.upper()}_BITS": sum(columns.values()) for memory, columns in self.columns.items()},
             "BANK_WORDS": config.geometry.bank_words,
             # After a reset the banks are swept; with a sweep per iteration, the sums of this one settle.
-            "CLEARING": 1 + core.sweep_cycles + core.image.latency
-            if config.gradient == "sweep"
-            else config.geometry.bank_depth + 1,
+            "CLEARING": 1 + swept,
             # Twice the longest time in which nothing that the bench counts can happen.
             "PATIENCE": 2 * (config.buffer_events + config.geometry.bank_words + 500),
         }
