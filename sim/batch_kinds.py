@@ -25,22 +25,14 @@ class Batch:
 
 
 def schedule_table(config):
-    """Iterations for the core's table of schedules: all levels, distances or strides; steps small and so large that v
-    saturates.
-    """
+    """Iterations of the core's table of schedules: all levels, distances, strides; steps by which v saturates, too."""
     if not config.ascent_rule.has_table:
         return ()
     low, high = -config.formats.v.f, config.formats.v.i - 1
     entries = (  # level, log2 of the step, stride, distance
-        (2, 1, 4, 12),
-        (1, 0, 2, 8),
-        (0, -2, 1, 6),
-        (1, high, 4, 4),
-        (2, -1, 4, 6),
-        (0, -4, 2, 3),
-        (0, low, 1, 3),
+        (2, 1, 4, 12), (1, 0, 2, 8), (0, -2, 1, 6), (1, high, 4, 4), (2, -1, 4, 6), (0, -4, 2, 3), (0, low, 1, 3),
         (1, -2, 2, 4),
-    )
+    )  # fmt: skip
     entries = [
         (min(level, config.max_level), max(low, min(high, step)), stride, distance)
         for level, step, stride, distance in entries[: config.schedule_entries]
@@ -54,8 +46,7 @@ class Maker:
     """Makes the batches one after the other; knows where the model's ROI is by then."""
 
     def __init__(self, config, rng):
-        self.config = config
-        self.rng = rng
+        self.config, self.rng = config, rng
         # Events that a batch may have in the ROI, so that only the batch that shall overfill the buffer does; a
         # simulator of Verilog takes a millisecond for each in each iteration, so most batches have fewer.
         self.most = max(1, 3 * config.buffer_events // 4)
@@ -64,10 +55,8 @@ class Maker:
 
     def inside(self, n, roi):
         """``n`` random pixels of the ROI."""
-        return (
-            roi[0] + self.rng.integers(self.config.roi_width, size=n),
-            roi[1] + self.rng.integers(self.config.roi_height, size=n),
-        )
+        size = self.config.roi_width, self.config.roi_height
+        return tuple(corner + self.rng.integers(side, size=n) for corner, side in zip(roi, size, strict=True))
 
     def anywhere(self, n):
         """``n`` random pixels of the image."""
@@ -86,25 +75,23 @@ class Maker:
         t[-1] += 1  # no batch without a duration by accident
         return t
 
-    def settings(self, **changes):
+    def settings(self):
         """Settings unlike the batch before."""
-        config, rng = self.config, self.rng
+        config, rng, v = self.config, self.rng, self.config.formats.v
         roi = (int(rng.integers(config.geometry.roi_x_max + 1)), int(rng.integers(config.geometry.roi_y_max + 1)))
-        fields = {
-            "roi": roi if rng.random() < 0.5 else None,
-            "iterations": min(config.max_iterations, int(rng.integers(1, 5))),
-            "eta": min(config.formats.eta.max, int(rng.choice([1, 500, 1024, 5000, 1 << 20]))),
-            "roi_gain": int(rng.integers(config.formats.roi_gain.max + 1)),
-            "start_last": bool(rng.random() < 0.5),
-            "v_start": tuple(
-                int(v) for v in rng.integers(config.formats.v.min, config.formats.v.max + 1, 2) >> rng.integers(0, 9)
+        return BatchSettings(
+            roi=roi if rng.random() < 0.5 else None,
+            iterations=min(config.max_iterations, int(rng.integers(1, 5))),
+            eta=min(config.formats.eta.max, int(rng.choice([1, 500, 1024, 5000, 1 << 20]))),
+            roi_gain=int(rng.integers(config.formats.roi_gain.max + 1)),
+            start_last=bool(rng.random() < 0.5),
+            v_start=(
+                *(rng.integers(v.min, v.max + 1, 2) >> rng.integers(0, 9)).tolist(),
+                *(int(rng.integers(p.fmt.min, p.fmt.max + 1)) for p in config.motion_model.parameters[2:]),
             ),
-            "min_roi_events": 1,
-            "camera": config.lens,
-        }
-        for parameter in config.motion_model.parameters[2:]:
-            fields["v_start"] += (int(rng.integers(parameter.fmt.min, parameter.fmt.max + 1)),)
-        return BatchSettings(**{**fields, **changes})
+            min_roi_events=1,
+            camera=config.lens,
+        )
 
     def scheduled(self, settings):
         """With as many iterations as ``settings`` says, from anywhere in the table of schedules; one fewer if warm."""
