@@ -62,8 +62,7 @@ def main(arguments=None):
     options = _parser().parse_args(arguments)
     if options.json is not None and not Path(options.json).absolute().parent.is_dir():
         raise ConfigError(f"--json {options.json}: its folder does not exist")
-    runs = options.runs or (5 if options.quick else 15)
-    seconds = 0.003 if options.quick else 0.02
+    runs, seconds = (options.runs or 5, 0.003) if options.quick else (options.runs or 15, 0.02)
     if options.flow:
         from .flow import run
     elif options.hops:
@@ -116,17 +115,14 @@ def _batches(options, missing, *, runs, seconds):
 
 def _measured(case, programs, before, *, step, **options):
     """A case and its rows, JSON-ready; ``before`` is what this gave for the case before."""
-    batch, cores = case.workload, []
+    batch, cores, v_start, pixels = case.workload, [], (0.0, 0.0), case.workload.width * case.workload.height
     size = {"events": len(batch.events), "roi_events": batch.roi_events}
     for name in case.designs:
         cores.append(measure(case, name))
         step()
-    # A warm batch starts where the cold one before it ended, as it does in the core.
-    v_start = (0.0, 0.0)
-    if case.ascent == WARM:
-        ended = [row["v"] for row in (*before["cores"], *before["programs"]) if row["v"] is not None]
-        v_start = ended[0] if ended else batch.v
-    pixels = batch.width * batch.height
+    if case.ascent == WARM:  # it starts where the cold one before it ended, as it does in the core
+        ended = (row["v"] for row in (*before["cores"], *before["programs"]) if row["v"] is not None)
+        v_start = next(ended, batch.v)
     return {
         "workload": batch.name, "ascent": case.ascent, **size, "width": batch.width, "height": batch.height,
         "iterations": case.iterations, "steps": len(case.steps) if case.steps else case.iterations,

@@ -78,19 +78,18 @@ def _rows(case, clock):
     def cycles_of(count):
         return "" if count is None else f"{count:,} cycles  {_time(count / clock * 1e-6)}"
 
-    rows = []
-    for core in case["cores"]:
+    rows, cores = [], [*case["cores"]]
+    if case["ascent"] == "constant":
+        after = case["article_cycles"] - case["events"]
+        cores.append({
+            "name": "the article's formula", "measured": True, "cycles": case["article_cycles"], "after_last": after,
+            "per_iteration": after // case["iterations"], "back_to_back": None, "v": None,
+        })  # fmt: skip
+    for core in cores:
         cycles = f"{core['cycles']:,}" + ("" if core["measured"] else " computed")
         rows.append((
             core["name"], str(case["iterations"]), cycles, f"{core['per_iteration']:,}", cycles_of(core["after_last"]),
             _time(core["cycles"] / clock * 1e-6), cycles_of(core["back_to_back"]), "", _v(core["v"]),
-        ))  # fmt: skip
-    if case["ascent"] == "constant":
-        cycles = case["article_cycles"]
-        after = cycles - case["events"]
-        rows.append((
-            "the article's formula", str(case["iterations"]), f"{cycles:,}", f"{after // case['iterations']:,}",
-            cycles_of(after), _time(cycles / clock * 1e-6), "", "", "",
         ))  # fmt: skip
     for program in case["programs"]:
         core = case["cores"][program["confidence"]]  # the second core computes it
