@@ -95,18 +95,10 @@ def facts_tcl(facts):
         "ip_interfaces": "{" + " ".join(word for line in ip["interfaces"] for word in line) + "}",
         "stream_bytes": ip["stream_data_width"] // 8,
         "stream_user_width": ip["stream_user_width"],
-        "control_port": control["port"],
-        "control_use": f"CONFIG.PSU__USE__{_use(control)}",
-        "control_width_parameter": f"CONFIG.PSU__{control['parameter']}__DATA_WIDTH",
-        "control_width": control["data_width"],
-        "control_clock_pin": control["clock_pin"],
+        **_port("control", control),
         "control_unused": "{" + " ".join(f"CONFIG.PSU__USE__{name}" for name in control["unused"]) + "}",
         **{f"{block}_{key}": f"{control[block][key]:#x}" for block in ("cmfpga", "dma") for key in ("address", "size")},
-        "memory_port": memory["port"],
-        "memory_use": f"CONFIG.PSU__USE__{_use(memory)}",
-        "memory_width_parameter": f"CONFIG.PSU__{memory['parameter']}__DATA_WIDTH",
-        "memory_width": memory["data_width"],
-        "memory_clock_pin": memory["clock_pin"],
+        **_port("memory", memory),
         "memory_segments": f"{memory['parameter']}/{memory['segment']}",
         "memory_excluded": "{" + " ".join(memory["excluded"]) + "}",
         **{
@@ -120,9 +112,15 @@ def facts_tcl(facts):
     return f"# {NOTE}\n" + "".join(f"set fact({name}){' ' * (width - len(name))} {v}\n" for name, v in values.items())
 
 
-def _use(port):
-    """``MAXIGP0`` → ``M_AXI_GP0``: the PS names a port's switch and its width differently."""
-    return port["parameter"].replace("AXIGP", "_AXI_GP")
+def _port(name, port):
+    """A port of the PS, which names its switch and its width differently: ``M_AXI_GP0``, ``MAXIGP0``."""
+    return {
+        f"{name}_port": port["port"],
+        f"{name}_use": f"CONFIG.PSU__USE__{port['parameter'].replace('AXIGP', '_AXI_GP')}",
+        f"{name}_width_parameter": f"CONFIG.PSU__{port['parameter']}__DATA_WIDTH",
+        f"{name}_width": port["data_width"],
+        f"{name}_clock_pin": port["clock_pin"],
+    }
 
 
 def xdc(facts):

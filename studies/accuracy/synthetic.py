@@ -45,7 +45,8 @@ def _synthetic_case(seed, index, events_per_edge):
     room = ROI - 2 * MARGIN - 2 * np.abs(v)
     smallest, largest = SIZES[texture]
     sizes = np.arange(smallest, int(min(largest, *room)) + 1)
-    points = np.array([_edge_points(texture, size) for size in sizes])
+    # Expected edge points; of lines with the mean distance of two points in a square (cmfpga.events.synthetic).
+    points = sizes**2 if texture == "dense" else np.maximum(1, np.round(sizes**2 / 100)) * 2 * 0.52 * sizes
     size = int(sizes[np.abs(points * contrast * swept - wanted * (1 - noise)).argmin()])
     for _ in range(100):
         centre = (ROI - 1) / 2 + rng.uniform(-0.5, 0.5, 2) * (room - size)
@@ -61,10 +62,3 @@ def _synthetic_case(seed, index, events_per_edge):
     facts = {"texture": texture, "speed": speed, "noise": noise, "roi_events": len(events)}
     facts |= {"size": size, "contrast": contrast}
     return Case(events, (0, 0), tuple(truth.tolist()), tuple((truth + start).tolist()), facts)
-
-
-def _edge_points(texture, size):
-    """Expected edge points of an object of ``size`` × ``size`` px (see :mod:`cmfpga.events.synthetic`)."""
-    if texture == "dense":
-        return size * size
-    return max(1, round(size * size / 100)) * 2 * 0.52 * size  # mean distance of two points in a square
