@@ -5,15 +5,6 @@ from .presets import DEFAULT_PRESET, PRESETS, SLIDING_PRESET, preset
 from .schedule import ScheduleEntry
 
 __all__ = [
-    "ASCENTS",
-    "DEFAULT_PRESET",
-    "GRADIENTS",
-    "PRESETS",
-    "RAM_STYLES",
-    "SLIDING_PRESET",
-    "START_MODES",
-    "Config",
-    "ScheduleEntry",
-    "preset",
-    "unread",
-]
+    "ASCENTS", "DEFAULT_PRESET", "GRADIENTS", "PRESETS", "RAM_STYLES", "SLIDING_PRESET", "START_MODES", "Config",
+    "ScheduleEntry", "preset", "unread",
+]  # fmt: skip

@@ -16,25 +16,18 @@ CAMERA_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 def check_field(config, field, value):
     """A field's type, range or choices; a value that is as good in its own type becomes that."""
-    meta = field.metadata
-    if meta["choices"]:
-        if value not in meta["choices"] or (field.type is int and not _is(int, value)):
-            allowed = ", ".join(map(str, meta["choices"]))
-            raise ConfigError(f"{field.name} = {value!r}: one of {allowed} is needed")
-        object.__setattr__(config, field.name, field.type(value))
-        return
-    if field.type is str:
-        if not isinstance(value, str):
-            raise ConfigError(f"{field.name} = {value!r}: text is needed")
-        return
-    if not _is(field.type, value):
-        raise ConfigError(f"{field.name} = {value!r}: {'an integer' if field.type is int else 'a number'} is needed")
-    low, high = meta["low"], meta["high"]
-    if value != value or (low is not None and value < low) or (high is not None and value > high):
-        allowed = f"{low} to {high}" if high is not None else f"{low} or more" if low is not None else "a number"
-        raise ConfigError(f"{field.name} = {value!r}: {allowed} is needed")
-    if not isinstance(value, (int, float)):
-        object.__setattr__(config, field.name, field.type(value))
+    choices, low, high = (field.metadata[name] for name in ("choices", "low", "high"))
+    fits = isinstance(value, str) if field.type is str else _is(field.type, value)
+    needed = None
+    if choices:
+        needed = None if fits and value in choices else f"one of {', '.join(map(str, choices))}"
+    elif not fits:
+        needed = {str: "text", int: "an integer", float: "a number"}[field.type]
+    elif value != value or (low is not None and value < low) or (high is not None and value > high):
+        needed = f"{low} to {high}" if high is not None else f"{low} or more" if low is not None else "a number"
+    if needed:
+        raise ConfigError(f"{field.name} = {value!r}: {needed} is needed")
+    object.__setattr__(config, field.name, value if isinstance(value, int | float) else field.type(value))
 
 
 def _is(kind, value):
@@ -42,9 +35,13 @@ def _is(kind, value):
     return isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
 
 
+def _refuse(config, name, needed):
+    raise ConfigError(f"{name} = {getattr(config, name)}: {needed}")
+
+
 def _at_most(config, name, most, why):
     if getattr(config, name) > most:
-        raise ConfigError(f"{name} = {getattr(config, name)}: at most {most} is allowed ({why})")
+        _refuse(config, name, f"at most {most} is allowed ({why})")
 
 
 def _smaller(config, name, limit):
@@ -56,8 +53,7 @@ def _needs(config, name, needs):
     """Of ``((field, values), …)`` each field must have one of the values for the field ``name`` to be as it is."""
     for field, values in needs:
         if getattr(config, field) not in values:
-            allowed = " or ".join(map(str, values))
-            raise ConfigError(f"{name} = {getattr(config, name)}: {field} = {allowed} is needed")
+            _refuse(config, name, f"{field} = {' or '.join(map(str, values))} is needed")
 
 
 def check_together(config):
@@ -79,15 +75,12 @@ def check_together(config):
         _check_tags(config)
     _needs(config, "motion", ((field, (value,)) for field, value in motion_needs(config.motion).items()))
     if config.motion != "translation" and max(config.roi_width, config.roi_height) < 16:
-        raise ConfigError(f"motion = {config.motion}: an ROI of at least 16 px along one side is needed")
-    if config.confidence:
+        _refuse(config, "motion", "an ROI of at least 16 px along one side is needed")
+    for name in ("cold", "warm") if config.confidence else ():
         # The last iteration's sums are compared with those beside v.
-        for name in ("cold", "warm"):
-            if (stride := getattr(config.schedules, name)[-1].stride) > 1:
-                raise ConfigError(
-                    f"confidence = 1: the last iteration of {name} has stride {stride}: it needs all events, as the "
-                    "probes"
-                )
+        if (stride := getattr(config.schedules, name)[-1].stride) > 1:
+            needs = "it needs all events, as the probes"
+            _refuse(config, "confidence", f"the last iteration of {name} has stride {stride}: {needs}")
     _check_widths(config)
 
 
@@ -96,17 +89,15 @@ def _check_side(config, side):
     name, sensor = f"roi_{side}", f"sensor_{side}"
     binned = f"{sensor} = {getattr(config, sensor)} by binning = {config.binning}"
     _at_most(config, name, getattr(config.geometry, side), binned if config.binning else sensor)
-    if config.gradient == "sweep" and (roi := getattr(config, name)) % 2:
-        raise ConfigError(f"{name} = {roi}: an even number of pixels is needed by the sweep")
+    if config.gradient == "sweep" and getattr(config, name) % 2:
+        _refuse(config, name, "an even number of pixels is needed by the sweep")
 
 
 def _check_times(config):
     """Times are told apart, and held."""
     if config.span_bits >= config.time_bits:
-        raise ConfigError(
-            f"span_bits = {config.span_bits}: less than time_bits = {config.time_bits} is needed, "
-            "or a step back in time could not be told from a long batch"
-        )
+        why = "or a step back in time could not be told from a long batch"
+        _refuse(config, "span_bits", f"less than time_bits = {config.time_bits} is needed, {why}")
     _at_most(config, "background_us", config.widths.background_us_max, "span_bits")
 
 
@@ -136,24 +127,23 @@ def _check_regions(config):
     if not config.regions:
         for name in ("units", "slices", "bin_bits", "store_style"):
             if name in changed:
-                raise ConfigError(f"{name} = {getattr(config, name)}: regions of 1 or more are needed")
+                _refuse(config, name, "regions of 1 or more are needed")
         return
     _needs(config, "regions", (("gradient", ("one_pass",)), ("ascent", ("sign", "newton")), ("buffers", (2,))))
     if config.motion == "rotation":
-        raise ConfigError(
-            f"regions = {config.regions}: motion = rotation: a region sees too little of the field to tell a turn from "
-            "a shift; cmfpga flow --fit rotation finds it from all regions of a translation"
-        )
+        why = "a region sees too little of the field to tell a turn from a shift"
+        cure = "cmfpga flow --fit rotation finds it from all regions of a translation"
+        _refuse(config, "regions", f"motion = rotation: {why}; {cure}")
     for name in ("thinning", "thin_target"):
         if name in changed:
-            raise ConfigError(f"regions = {config.regions}: {name}: each region has a stride of its own instead")
+            _refuse(config, "regions", f"{name}: each region has a stride of its own instead")
     if config.slices > 1 and config.background:
-        raise ConfigError(f"slices = {config.slices}: background = 0 is needed, or an event would support itself later")
+        _refuse(config, "slices", "background = 0 is needed, or an event would support itself later")
     most = config.max_batch_events
     if config.slices > most:
-        raise ConfigError(f"slices = {config.slices}: at most max_batch_events = {most} are allowed")
+        _refuse(config, "slices", f"at most max_batch_events = {most} are allowed")
     if most > MOST_STORED:
-        raise ConfigError(f"max_batch_events = {most}: at most {MOST_STORED} are allowed, for the store holds them all")
+        _refuse(config, "max_batch_events", f"at most {MOST_STORED} are allowed, for the store holds them all")
 
 
 def _check_ascent(config):
@@ -161,9 +151,7 @@ def _check_ascent(config):
     rule = config.ascent_rule
     _needs(config, "ascent", rule.needs)
     if (config.confidence or rule.evaluations > 1) and config.v_frac < 2:
-        raise ConfigError(
-            f"ascent = {config.ascent}: v_frac = {config.v_frac}: 2 or more is needed for what lies ¾ px beside v"
-        )
+        _refuse(config, "ascent", f"v_frac = {config.v_frac}: 2 or more is needed for what lies ¾ px beside v")
     if not rule.has_table:
         return _smaller(config, "iterations", "max_iterations")
     names = ("cold", "warm", *(("follow", "after") if config.slides else ()))
@@ -186,10 +174,10 @@ def _check_tags(config):
     """There are tags enough for the sweep of the banks."""
     idle, tags, depth = config.one_pass.latency, (1 << config.tag_bits) - 1, config.geometry.bank_depth
     if idle < config.one_pass.fewest_idle_cycles:
-        raise ConfigError(
-            f"tag_bits = {config.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration = {tags * idle}, at "
-            f"least the {depth} words of a bank are needed: tag_bits = {config.one_pass.fewest_tag_bits} or more"
+        needed = (
+            f"at least the {depth} words of a bank are needed: tag_bits = {config.one_pass.fewest_tag_bits} or more"
         )
+        _refuse(config, "tag_bits", f"(2^tag_bits − 1) · {idle} idle cycles an iteration = {tags * idle}, {needed}")
 
 
 def _check_widths(config):
@@ -197,7 +185,7 @@ def _check_widths(config):
     most = config.dt_frac + config.v_frac
     for name in ("dither_frac", *UNDISTORTION[config.undistortion][1:2]):
         if getattr(config, name) > most:
-            raise ConfigError(f"{name} = {getattr(config, name)}: at most dt_frac + v_frac = {most} is allowed")
+            _refuse(config, name, f"at most dt_frac + v_frac = {most} is allowed")
     for what, width in config.widths.exact.items():
         if width > 63:
             raise ConfigError(

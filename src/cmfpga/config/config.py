@@ -9,7 +9,7 @@ import dataclasses
 import hashlib
 import json
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 from ..errors import ConfigError, one_of
 from .checks import binned_camera, check_field, check_together, parse_camera, parse_pixels
@@ -22,7 +22,6 @@ from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
 WHEN_FULL = ("drop", "thin")
-BORDERS = ("corners", "whole")
 RAM_STYLES = ("auto", "block", "ultra")
 
 
@@ -32,9 +31,9 @@ def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=
     return dataclasses.field(default=default, metadata=meta)
 
 
+_runtime = partial(_field, runtime=True)
 #: Of a number of events, and of a time, that a batch or a window is told.
-_EVENTS = {"unit": "events", "low": 0, "high": 1 << 17, "runtime": True}
-_US = {"unit": "µs", "low": 0, "high": 1 << 31, "runtime": True}
+_EVENTS, _US = {"unit": "events", "low": 0, "high": 1 << 17}, {"unit": "µs", "low": 0, "high": 1 << 31}
 
 
 def unread(fields):
@@ -78,26 +77,25 @@ class Config:
     undistortion: str = _field("off", "on: the hardware undistorts at ingest", choices=tuple(UNDISTORTION))
     undistortion_cell: int = _field(3, "its table has a node every 2^undistortion_cell px", low=1, high=6)
     undistortion_frac: int = _field(4, "fraction bits of an undistorted position", unit="bits", low=1, high=8)
-    camera: str = _field("", "calibration: fx,fy,cx,cy,k1,k2,p1,p2,k3; empty: nothing is undistorted", runtime=True)
+    camera: str = _runtime("", "calibration: fx,fy,cx,cy,k1,k2,p1,p2,k3; empty: nothing is undistorted")
 
     # Noise
     hot_pixels: int = _field(0, "1: the hardware has a mask of hot pixels", low=0, high=1)
-    hot_mask: str = _field("", "hot pixels, whose events are dropped: X,Y;X,Y;…", runtime=True)
+    hot_mask: str = _runtime("", "hot pixels, whose events are dropped: X,Y;X,Y;…")
     background: int = _field(0, "1: the hardware has a filter of background activity", low=0, high=1)
     background_cell: int = _field(2, "cells of that filter are 2^background_cell px wide", low=1, high=6)
-    background_us: int = _field(
+    background_us: int = _runtime(
         0, "drop events without one of another pixel of their cell in so many µs before them; 0: drop none",
         **_US | {"high": (1 << 31) - 1},
     )  # fmt: skip
 
     # Batches, or windows
     windows: str = _field(
-        "batches",
-        "what is evaluated: batches, one after the other; or sliding, the newest events again and again",
+        "batches", "what is evaluated: batches, one after the other; or sliding, the newest events again and again",
         choices=tuple(WINDOWS),
-    )
+    )  # fmt: skip
     buffer_events: int = _field(
-        2048, "ROI events that the event buffer holds, or a ring at least", unit="events", low=1, high=1 << 17
+        2048, "ROI events that the event buffer holds, or a ring at least", **_EVENTS | {"low": 1}
     )
     buffers: int = _field(
         1, "event buffers; with 2 a batch is taken in while the one before is optimised", low=1, high=2
@@ -106,23 +104,20 @@ class Config:
         65535, "largest batch, or hop, in events of the whole sensor", unit="events", low=1, high=(1 << 31) - 1
     )
     when_full: str = _field(
-        "drop",
-        "more ROI events than the buffer holds: drop the surplus, or thin, keep every second one, as often as needed",
-        choices=WHEN_FULL,
-    )
+        "drop", "more ROI events than the buffer holds: drop the surplus, or thin, keep every second one, as often as "
+        "needed", choices=WHEN_FULL,
+    )  # fmt: skip
     time_bits: int = _field(32, "width of the camera's time stamps, which wrap", unit="bits of µs", low=8, high=48)
     span_bits: int = _field(24, "width of times relative to the batch's first event", unit="bits of µs", low=4, high=32)
-    min_roi_events: int = _field(
-        1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 17, runtime=True
-    )
-    thinning: int = _field(1, "store one ROI event in so many", low=1, high=Widths.thinning_max, runtime=True)
-    thin_target: int = _field(0, "choose the thinning so that about so many are stored; 0: off", **_EVENTS)
-    window_events: int = _field(0, "most events of a window; 0: as suits the motion", **_EVENTS)
-    window_us: int = _field(
+    min_roi_events: int = _runtime(1, "fewer ROI events make a batch degenerate", **_EVENTS | {"low": 1})
+    thinning: int = _runtime(1, "store one ROI event in so many", low=1, high=Widths.thinning_max)
+    thin_target: int = _runtime(0, "choose the thinning so that about so many are stored; 0: off", **_EVENTS)
+    window_events: int = _runtime(0, "most events of a window; 0: as suits the motion", **_EVENTS)
+    window_us: int = _runtime(
         0, "oldest event of a window when its hop ends; 0: half of what a span counts to, or as suits the motion", **_US
     )
-    hop_events: int = _field(0, "a hop ends with so many new ROI events; 0: with a 16th of a window's", **_EVENTS)
-    hop_us: int = _field(4000, "or before the first event that is so much later; 0: at any time", **_US)
+    hop_events: int = _runtime(0, "a hop ends with so many new ROI events; 0: with a 16th of a window's", **_EVENTS)
+    hop_us: int = _runtime(4000, "or before the first event that is so much later; 0: at any time", **_US)
 
     # Regions
     regions: int = _field(0, "rows of the table of regions; 0: a core of one ROI", low=0, high=1024)
@@ -140,41 +135,32 @@ class Config:
     )
     evaluators: int = _field(1, "images that an iteration of ascent = newton fills at a time", choices=(1, 4))
     border: str = _field(
-        "corners",
-        "what changes the derivatives at the image's border: corners inside; or whole, events with all four inside",
-        choices=BORDERS,
-    )
-    iterations: int = _field(100, "iterations of a batch (T)", low=1, high=65535, runtime=True)
+        "corners", "what changes the derivatives at the image's border: corners inside; or whole, events with all four "
+        "inside", choices=("corners", "whole"),
+    )  # fmt: skip
+    iterations: int = _runtime(100, "iterations of a batch (T)", low=1, high=65535)
     max_iterations: int = _field(1023, "largest T that the hardware counts to", low=1, high=65535)
-    cold: str = _field(AUTO, "schedule without a last v; auto: the best measured", runtime=True)
-    warm: str = _field(AUTO, "schedule from the last v; auto: the best measured", runtime=True)
-    follow: str = _field(
-        AUTO,
-        "rounds that begin before a hop's last event; auto: the best measured; empty: warm, after it",
-        runtime=True,
+    cold: str = _runtime(AUTO, "schedule without a last v; auto: the best measured")
+    warm: str = _runtime(AUTO, "schedule from the last v; auto: the best measured")
+    follow: str = _runtime(
+        AUTO, "rounds that begin before a hop's last event; auto: the best measured; empty: warm, after it"
     )
-    after: str = _field(
-        AUTO, "the round after a result that judges the window; auto: the best measured; empty: none", runtime=True
-    )
+    after: str = _runtime(AUTO, "the round after a result that judges the window; auto: the best measured; empty: none")
     schedule_entries: int = _field(32, "iterations that the table of schedules holds, of all of them", low=2, high=256)
     max_level: int = _field(0, "coarsest level: pixels 2^level px wide", low=0, high=3)
-    eta: float = _field(
-        1.0, "step η of the constant ascent", unit="(px/half batch)² per (events/px)²", low=0.0, runtime=True
-    )
-    start: str = _field("last", "start velocity of a batch", choices=START_MODES, runtime=True)
-    v_start_x: float = _field(0.0, "start velocity along x when start = given", unit="px/half batch", runtime=True)
-    v_start_y: float = _field(0.0, "start velocity along y when start = given", unit="px/half batch", runtime=True)
-    roi_gain: float = _field(2.0, "ROI displacement per v; 2 because v is per half batch", low=0.0, runtime=True)
+    eta: float = _runtime(1.0, "step η of the constant ascent", unit="(px/half batch)² per (events/px)²", low=0.0)
+    start: str = _runtime("last", "start velocity of a batch", choices=START_MODES)
+    v_start_x: float = _runtime(0.0, "start velocity along x when start = given", unit="px/half batch")
+    v_start_y: float = _runtime(0.0, "start velocity along y when start = given", unit="px/half batch")
+    roi_gain: float = _runtime(2.0, "ROI displacement per v; 2 because v is per half batch", low=0.0)
 
     # Confidence
     confidence: int = _field(0, "1: the hardware can tell how sure v is; not with sweep or constant", low=0, high=1)
-    judge: int = _field(1, "1: tell how sure v is, and flag doubtful batches", low=0, high=1, runtime=True)
-    confidence_limit: float = _field(
-        30.0, "smallest confidence of a batch that is not doubtful", unit="1/px²", low=1.0, high=341.0, runtime=True
+    judge: int = _runtime(1, "1: tell how sure v is, and flag doubtful batches", low=0, high=1)
+    confidence_limit: float = _runtime(
+        30.0, "smallest confidence of a batch that is not doubtful", unit="1/px²", low=1.0, high=341.0
     )
-    cold_after_doubtful: int = _field(
-        1, "1: a batch that follows a doubtful one starts cold", low=0, high=1, runtime=True
-    )
+    cold_after_doubtful: int = _runtime(1, "1: a batch that follows a doubtful one starts cold", low=0, high=1)
 
     # Fixed-point formats
     dt_frac: int = _field(12, "fraction bits of dt (range −1 … 1)", unit="bits", low=2, high=16)
@@ -283,7 +269,7 @@ class Config:
 
     @cached_property
     def calibration(self):
-        """The same as it is given, in pixels of the sensor."""
+        """The numbers of ``camera`` as they are given, in pixels of the sensor."""
         return parse_camera(self.camera)
 
     @property

@@ -110,7 +110,7 @@ def _sign_entry(word, match, *, name, v, auto):
 
 
 def _round(word, match, *, name, v, auto):
-    """The same of a :class:`Round`."""
+    """:class:`Round` and count of a word."""
     level, distance, limit, count = match.groups()
     distance, limit = 4 * Fraction(distance), Fraction(limit) * (1 << v.f)
     if distance not in DISTANCES:
@@ -134,25 +134,12 @@ _FORMS = {
 
 
 def parse_schedule(text, *, name, max_level, v, entries, motion="translation", least=1):
-    """The iterations of a schedule, a tuple of :class:`ScheduleEntry`, or of :class:`Round`.
+    """The iterations of the schedule ``text`` of a ``motion``: a tuple of :class:`ScheduleEntry`, or of :class:`Round`.
 
-    Parameters
-    ----------
-    text, motion : str
-        See above; and the motion whose schedule it is.
-    name : str
-        ``cold``, ``warm``, ``follow`` or ``after``: for messages, and for ``auto``.
-    max_level : int
-        Largest level that the hardware has.
-    v : Q
-        Format of v: steps from its unit to half its range.
-    entries, least : int
-        Length of the hardware's table, and fewest iterations.
-
-    Raises
-    ------
-    ConfigError
-        The text is malformed, too short or too long, or has a level, step or stride out of range.
+    ``name`` (cold, warm, follow or after) is for messages, and for ``auto``. The hardware has levels up to
+    ``max_level`` and a table of ``entries``. Steps go from the unit of ``v``, a :class:`~cmfpga.fixed.Q`, to half its
+    range. Raises :exc:`ConfigError` where the text is malformed, has fewer than ``least`` iterations, or too many, or a
+    level, step or stride out of range.
     """
     auto = text == AUTO
     form, make, needed = _FORMS[motion == "translation"]
@@ -177,13 +164,12 @@ class Schedules:
     """The schedules that a :class:`~cmfpga.config.Config` asks for: tuples of iterations."""
 
     def __init__(self, config):
-        def parse(name, least=1):
+        def parse(name, least=0):
             limits = {"max_level": config.max_level, "v": config.formats.v, "entries": config.schedule_entries}
             return parse_schedule(getattr(config, name), name=name, motion=config.motion, least=least, **limits)
 
-        self.cold = parse("cold")  #: of a batch without a last v
-        self.warm = parse("warm")  #: of a batch that starts from the last v
+        self.cold = parse("cold", 1)  #: of a batch without a last v
+        self.warm = parse("warm", 1)  #: of a batch that starts from the last v
         #: Rounds of a window that slides, which begin before its last event; () if none do.
-        self.follow = parse("follow", least=0) if config.slides else ()
-        #: The round behind its result that judges it; () if none does.
-        self.after = parse("after", least=0) if config.slides else ()
+        self.follow = parse("follow") if config.slides else ()
+        self.after = parse("after") if config.slides else ()  #: judges it, after its result
