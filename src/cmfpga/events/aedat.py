@@ -1,4 +1,4 @@
-"""Recordings of addresses: AEDAT 2.0 and 3.1, and N-MNIST. No package that is kept reads addresses of AEDAT 2.0 right.
+"""Recordings of addresses: AEDAT 2.0 and 3.1, and N-MNIST.
 
 AEDAT 2.0, as jAER and v2e write it, has header lines that begin with ``#``; then each record is an address and a time
 stamp, of 32 bits each, big-endian. Of a DAVIS's address bit 31 marks frames and inertial samples, bit 10 external
@@ -61,14 +61,11 @@ class Aedat2Recording(RecordsRecording):
             first = self._words(file.read(_SAMPLE_BYTES))[:, 0]
         size = chip_size(chip or "")
         self._small = size == _DVS128 or (size is None and len(first) > 0 and not (first >> 16).any())
-        size = size or (_DVS128 if self._small else sensor)
+        self._chip_size = size = size or (_DVS128 if self._small else sensor)
         if size is None:
             named = f"chip {chip[:40]!r}" if chip else "no line '# AEChip:' in the header"
-            raise RecordingError(
-                f"{path}: AEDAT 2.0, {named}; a DAVIS240, DAVIS346 or DVS128 is needed, or --sensor W,H (sensor=) of "
-                "another DAVIS"
-            )
-        self._chip_size = size
+            needed = "a DAVIS240, DAVIS346 or DVS128 is needed, or --sensor W,H (sensor=) of another DAVIS"
+            raise RecordingError(f"{path}: AEDAT 2.0, {named}; {needed}")
         super().__init__(path, "AEDAT 2.0", begin=begin, sensor=sensor or size, time_unit=time_unit)
 
     @staticmethod

@@ -30,8 +30,7 @@ class EventChecker:
     def __call__(self, t, x, y, p):
         """``(t, x, y, p)`` of the next chunk, as :class:`Events` keep them; t is int64, µs.
 
-        Raises :exc:`RecordingError` where a time stamp is lower than the one before (also across chunks), a coordinate
-        is no whole number, negative or outside the sensor, or a polarity is another number than -1 to 15, or 255.
+        Raises :exc:`RecordingError` where a time stamp is lower than the one before, also across chunks.
         """
         before = np.concatenate([t[:1] if self._last_t is None else [self._last_t], t[:-1]])
         never = "of the event before; it must never decrease"
@@ -46,13 +45,11 @@ class EventChecker:
 
     def coordinate(self, name, values, size=None):
         """Column ``name``, x or y, as uint16; ``size`` is that of the sensor, px."""
-        if not len(values):
-            return values.astype(np.uint16)
         if values.dtype.kind == "f":
             odd = ~(values == np.floor(values))  # NaN too
             self._refuse(name, odd, lambda k: f"{values[k]}; a whole number of pixels is needed")
         largest = _LARGEST_COORDINATE if size is None else size - 1
-        if values.min() < 0 or values.max() > largest:  # faster than a mask of each chunk
+        if len(values) and (values.min() < 0 or values.max() > largest):  # faster than a mask of each chunk
             sensor = "" if size is None else f" on a sensor of {self.width}×{self.height} px"
             outside = (values < 0) | (values > largest)
             self._refuse(name, outside, lambda k: f"{values[k]:.0f}; 0 to {largest} is allowed{sensor}")
@@ -73,7 +70,7 @@ def highest_off(p):
 
 
 def polarity_notes(p):
-    """What is said of unusual codes among the first polarities, as they stand in a file."""
+    """Notes of unusual codes among the first polarities, as they stand in a file."""
     codes, counts = np.unique(p, return_counts=True)
     told = set(codes.tolist())
     if told <= {0, 1} or told <= {-1, 1} or not told <= {*_CODES}:  # the checks report others

@@ -42,14 +42,12 @@ class BatchCutter:
 
     - ``events``: that many events of the whole sensor;
     - ``duration_us``: the window [t0 + k·D, t0 + (k + 1)·D) of time, t0 being the time of the first event that is
-      cut. A window without events gives an empty batch, so that time goes on;
+      cut. A window without events gives an empty batch. It is complete once there is an event after it;
     - ``roi_events``: that many events inside the ROI; the last of them is the batch's last event.
 
-    A batch that reaches ``max_events`` before it is complete is returned as it is, with ``cut_short`` set, and nothing
-    is lost: a cut window goes on in the next batch; a batch by ROI events starts counting anew.
-
-    A last incomplete batch is not returned: it would be estimated from fewer events, or less time, than all others. A
-    window only counts as complete once there is an event after it, so the last window is never returned whole.
+    A batch that reaches ``max_events`` before it is complete is returned as it is, with ``cut_short`` set. A cut window
+    goes on in the next batch; a batch by ROI events starts counting anew. A last incomplete batch is not returned: it
+    would be estimated from fewer events, or less time, than all others.
 
     Raises :exc:`ConfigError` for a value that is not allowed; :exc:`RecordingError`, also in :meth:`next`, is the
     source's.
@@ -109,7 +107,7 @@ class BatchCutter:
 
         Fewer at the end of the source, and where one comes that is not earlier than ``until``, µs.
         """
-        parts, chunk = [self._chunk[self._at :]], _END
+        parts, chunk = [self.waiting], _END
         while sum(map(len, parts)) < count:
             if until is not None and len(parts[-1]) and parts[-1].t[-1] >= until:
                 break

@@ -31,12 +31,9 @@ def match_names(names):
 def require_names(names, where):
     """As :func:`match_names`, but all four are needed. Raises :exc:`RecordingError`, starting with ``where``."""
     found = match_names(names)
-    missing = [column for column in NAMES if column not in found]
-    if missing:
-        raise RecordingError(
-            f"{where}: {' and '.join(missing)} missing; "
-            + "; ".join(f"{column} may be named {', '.join(NAMES[column])}" for column in missing)
-        )
+    if missing := [column for column in NAMES if column not in found]:
+        cure = "; ".join(f"{column} may be named {', '.join(NAMES[column])}" for column in missing)
+        raise RecordingError(f"{where}: {' and '.join(missing)} missing; {cure}")
     return found
 
 
@@ -58,7 +55,7 @@ def guess_order(table):
 
 
 def order_notes(order, guessed):
-    """What is said of columns without names: of messages about events, and the notes where another order is taken."""
+    """Texts about columns without names: for messages about events, and notes where another order is taken."""
     layout = f" (columns {', '.join(order)}{'; --columns (columns=) gives another order' * guessed})"
     odd = guessed and order != (*NAMES,)
     return layout, [f"columns taken as {','.join(order)}, as their values are; --columns gives another order"] * odd
@@ -127,29 +124,26 @@ class Columns:
         self.assumed = not (order or named)
         order = order or (*NAMES,)
         self.layout = "" if named else order_notes(order, False)[0]
+        wrong = None
         if by_name:
             shapes = {name: source[name].shape for name in NAMES}
-            shape = shapes["t"]
+            shape, dtypes = shapes["t"], {name: array.dtype for name, array in source.items()}
             if len(shape) != 1 or set(shapes.values()) != {shape}:
                 sizes = ", ".join(f"{name}: {'×'.join(map(str, size)) or 'scalar'}" for name, size in shapes.items())
-                raise RecordingError(
-                    f"{where}: sizes ({sizes}) differ or are not one-dimensional; one length is needed"
-                )
-            dtypes = {name: array.dtype for name, array in source.items()}
+                wrong = f"sizes ({sizes}) differ or are not one-dimensional; one length is needed"
+        elif fields:
+            self._keys, shape = require_names(fields, where), source.shape
+            dtypes = {name: source.dtype[field] for name, field in self._keys.items()}
+            if len(shape) != 1:
+                wrong = f"structured array of {len(shape)} dimensions; 1 is needed"
         else:
+            self._keys = {name: (slice(None), order.index(name)) for name in NAMES}
             shape, dtypes = source.shape, dict.fromkeys(NAMES, source.dtype)
-            if fields:
-                self._keys = require_names(fields, where)
-                dtypes = {name: source.dtype[field] for name, field in self._keys.items()}
-            else:
-                self._keys = {name: (slice(None), order.index(name)) for name in NAMES}
-            if fields and len(shape) != 1:
-                raise RecordingError(f"{where}: structured array of {len(shape)} dimensions; 1 is needed")
-            if not fields and (len(shape) != 2 or shape[1] != len(order)):
+            if len(shape) != 2 or shape[1] != len(order):
                 size = "×".join(map(str, shape)) or "a single value"
-                raise RecordingError(
-                    f"{where}: array of {size}; N×{len(order)} with columns {', '.join(order)} is needed"
-                )
+                wrong = f"array of {size}; N×{len(order)} with columns {', '.join(order)} is needed"
+        if wrong:
+            raise RecordingError(f"{where}: {wrong}")
         for name, dtype in dtypes.items():
             if dtype.kind not in ("iuf" if name == "t" else "biuf"):
                 raise RecordingError(f"{where}: {name} holds {dtype}; real numbers are needed")
@@ -253,12 +247,11 @@ _WHOLE = (
 
 
 def why(error):
-    """What a library's exception means for a file, for people: ``(truncated or damaged): …``, or another reason."""
+    """Meaning of a library's exception for a file, for people: ``(truncated or damaged): …``, or another reason."""
     text = one_line(error)
-    for part, meaning, cure in _WHOLE:
-        if re.search(part, text):
-            return f"({meaning}): {text}; {cure}"
-    return f"(truncated or damaged): {text}"
+    found = ((meaning, f"; {cure}") for part, meaning, cure in _WHOLE if re.search(part, text))
+    meaning, cure = next(found, ("truncated or damaged", ""))
+    return f"({meaning}): {text}{cure}"
 
 
 @contextlib.contextmanager

@@ -135,8 +135,8 @@ class TimeWords:
     """Leaves out words of time that those around them contradict; a stream's go on as if they had never come.
 
     A word that is further than :data:`_NEAR_US` from the last one is left out where two of the next :data:`_JUDGES`
-    go on from the last one, and are nearer to that than to it: no time that rises has such words. What follows it waits
-    for them. ``wrong`` counts words that were left out.
+    go on from the last one, and are nearer to that than to it. What follows it waits for them. ``wrong`` counts words
+    that were left out.
     """
 
     def __init__(self, version):
