@@ -20,9 +20,7 @@ from .sequence import Sequence
 
 
 class Ascent(NamedTuple):
-    """Trace of an ascent of T iterations, float64. Of rounds all but ``v`` have an axis more behind T: a round's four
-    evaluations beside ``v[k]``.
-    """
+    """T iterations, float64. Of rounds all but ``v`` have an axis more behind T: four evaluations beside ``v[k]``."""
 
     v: torch.Tensor  # [T + 1, 2]: the start, then v after each iteration; v[-1] is the result
     contrast: torch.Tensor  # [T], C at v[k]; the contrast of the result itself is not part of an iteration
@@ -66,8 +64,7 @@ def ascend(x, y, dt, *, v_start, eta, iterations, **size):
 
 
 def newton_step(gradients, distance, limit):
-    """M⁻¹·g, a list of two, of the gradients (G_x, G_y) at four velocities ``distance`` beside v: see
-    :mod:`.integer.ascent`."""
+    """M⁻¹·g, a list of two, of (G_x, G_y) at four velocities ``distance`` beside v: see :mod:`.integer.ascent`."""
     x, y = (sum(axis) / 4 for axis in zip(*gradients, strict=True))
     xx, yy, cross = (one / (2 * distance) for one in curvature(*gradients))
     det, trace = xx * yy - cross * cross / 4, xx + yy
@@ -149,8 +146,8 @@ class FloatCore(Sequence):
         return trace, float(squares.mean()), tuple(curvature(*done.g[-1].tolist()))
 
     def _flow(self, events, settings, plan, roi, middle):
-        """The same of a motion beyond translation, whose roll and zoom are limited as in the hardware: Σ I² of its last
-        iteration, and how much the gradient falls towards zero.
+        """The trace of another motion, whose roll and zoom are limited as in the hardware; Σ I² of its last iteration,
+        and how much the gradient falls towards zero.
         """
         config = self.config
         b = flow.basis(config, *events[:2], roi=roi, camera=settings.camera, middle=middle)

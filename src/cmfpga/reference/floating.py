@@ -37,29 +37,13 @@ def float64(values):
     return values.to(torch.float64)
 
 
-# -------------------------------------------------------------------- events
-
-
 def scaled_times(t, t_first, t_last):
     """Time of each event from the middle of the batch, in half batches (Eq. tref, dt, scaled as in the article's §4).
 
-    dt = (t − t_ref) / ((t_N − t_1)/2) with t_ref = t_1 + (t_N − t_1)/2.
+    dt = (t − t_ref) / ((t_N − t_1)/2) with t_ref = t_1 + (t_N − t_1)/2: float64 [n], in [−1, 1]; zeros where t_1 = t_N.
 
-    Parameters
-    ----------
-    t : integers [n]
-        Time stamps of the events to scale, usually those in the ROI.
-    t_first, t_last : int
-        t_1 and t_N: first and last time stamp of **all** events of the batch, those outside the ROI included.
-
-    Returns
-    -------
-    float64 [n], in [−1, 1]. All zeros where t_1 = t_N: no event is away from t_ref.
-
-    Raises
-    ------
-    ValueError
-        A time stamp lies outside t_1 … t_N.
+    ``t`` are integers [n]. ``t_first`` and ``t_last``, t_1 and t_N, are of **all** events of the batch, those outside
+    the ROI included. Raises :exc:`ValueError` for a time stamp outside of them.
     """
     t = _tensor(t)
     if t.is_floating_point() and len(t):
@@ -83,14 +67,10 @@ def warp(x, y, dt, v):
 def dither(n):
     """Sub-pixel offsets (along x, along y) of a batch's n ROI events, in the order of their arrival: two float64 [n].
 
-    Event k, counted from 0, gets frac((k + ½)·α) − ½ px, in −½ … ½. Events lie on whole pixels, which makes v = 0 a
-    peak of the contrast whatever the motion is; offsets that cover the pixel evenly remove that peak.
+    Event k, counted from 0, gets frac((k + ½)·α) − ½ px, in −½ … ½: see :mod:`cmfpga.config.dither`.
     """
     k = torch.arange(n, dtype=torch.float64) + 0.5
     return tuple((k * alpha).frac() - 0.5 for alpha in R2)
-
-
-# -------------------------------------------------------------------- votes and images
 
 
 class Votes(NamedTuple):
@@ -156,9 +136,6 @@ def derivative_images(votes, dt, width, height):
         accumulate(votes.pixel, -dt * votes.by_x, width, height),
         accumulate(votes.pixel, -dt * votes.by_y, width, height),
     )
-
-
-# -------------------------------------------------------------------- objective
 
 
 def contrast(image):

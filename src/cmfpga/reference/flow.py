@@ -16,28 +16,17 @@ from .floating import accumulate, at_level, bilinear_votes, float64, level_size
 
 
 def basis(config, x, y, *, roi, camera, middle=None):
-    """b of events: float64 [2, parameters, n], along x and y.
+    """b of events, of a motion beyond translation: float64 [2, parameters, n], along x and y.
 
-    Parameters
-    ----------
-    config : Config
-        A motion beyond translation.
-    x, y : float64 [n]
-        Columns and rows in the ROI, px.
-    roi : pair of int
-        The ROI's corner.
-    camera : tuple
-        Nine numbers, for a rotation.
-    middle : pair of int, optional
-        Of a region in the ROI, in half pixels (:meth:`cmfpga.protocol.regions.Region.middle`); else the ROI's.
+    ``x``, ``y``, float64 [n], are columns and rows in the ROI, px, whose corner is ``roi``. ``camera`` has the nine
+    numbers of a rotation. ``middle`` is that of a region in the ROI, in half pixels
+    (:meth:`cmfpga.protocol.regions.Region.middle`), by default the ROI's.
     """
     motion = config.motion_model
     arm, focus, centre = float(1 << motion.lever), 1.0, [at / 2 for at in middle or config.geometry.middle]
     if config.motion == "rotation":
-        focus, centre = (
-            (camera[0] * camera[1]) ** 0.5,
-            [at - corner for at, corner in zip(camera[2:4], roi, strict=True)],
-        )
+        focus = (camera[0] * camera[1]) ** 0.5
+        centre = [at - corner for at, corner in zip(camera[2:4], roi, strict=True)]
     p, q = (float64(axis) - middle for axis, middle in zip((x, y), centre, strict=True))
     members = {"p": p / arm, "q": q / arm, "xx": p * p / focus**2, "xy": p * q / focus**2, "yy": q * q / focus**2}
     found = torch.zeros(2, len(motion.names), len(p), dtype=torch.float64)

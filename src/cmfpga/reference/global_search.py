@@ -53,7 +53,7 @@ def rotation(camera, x, y):
 
 
 def rotation_as_seen(camera, x, y):
-    """The same in the image as the lens makes it: for lenses to be compared by the contrast that they allow."""
+    """:func:`rotation` as the lens shows it: for lenses to be compared by the contrast that they allow."""
     at = _dithered(x, y)
     return Flow(at, np.stack([camera.speeds(axis, *at) for axis in np.eye(3)], axis=1))
 
@@ -72,17 +72,10 @@ class Found:
 
 
 def search(flow, t, *, linear=False, window=None):
-    """The :class:`Found` motion of all events.
+    """The :class:`Found` motion of all events of a :class:`Flow`, at ``t`` µs, integers [n].
 
-    Parameters
-    ----------
-    flow : Flow
-    t : integers [n]
-        Time stamps, µs.
-    linear : bool
-        The parameters change linearly in time.
-    window : (float, float, float, float), optional
-        Columns and rows of the image, first and last, px. Events may enter and leave it; by default it holds all.
+    ``linear``: the parameters change linearly in time. ``window`` has the first and last column and row of the image,
+    px; events may enter and leave it. By default it holds all.
     """
     t = np.asarray(t, np.int64)
     seconds = (t - (t[0] + t[-1]) / 2) * 1e-6

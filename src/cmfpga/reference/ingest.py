@@ -1,4 +1,4 @@
-"""What happens to a batch before its first iteration, the same in the integer model and the float reference."""
+"""Batches before their first iteration, the same in the integer model and the float reference."""
 
 import functools
 import operator
@@ -49,19 +49,10 @@ def flags_of(counts, *flags):
 
 
 def take_in(config, t, x, y, settings, *, roi, last_thinning, dropped=(False, False)):
-    """Undistort, crop, thin out and store a batch: :class:`TakenIn`.
+    """Undistort, crop, thin out and store a batch, all of its events in integer arrays: :class:`TakenIn`.
 
-    Parameters
-    ----------
-    t, x, y : integer arrays
-        All events of the batch.
-    settings : BatchSettings
-    roi : pair of int
-        The ROI's corner.
-    last_thinning : int or None
-        ``next_thinning`` of the batch before.
-    dropped : pair of bool arrays
-        As :class:`~.integer.filters.NoiseFilter` judges the events.
+    ``roi`` is the ROI's corner, ``last_thinning`` the ``next_thinning`` of the batch before, or None; ``dropped`` is
+    what :class:`~.integer.filters.NoiseFilter` judges.
     """
     x, y = undistort(config, settings.camera, x, y)
     inside = roi_filter(config, t, x, y, roi=roi, hot=dropped[0], noise=dropped[1])

@@ -1,4 +1,4 @@
-"""Many regions of one batch, the same in raw integers and in real numbers: store, crop, start, ascend, follow."""
+"""Many regions of one batch, in raw integers and in real numbers: store, crop, start, ascend, follow."""
 
 import collections
 from dataclasses import dataclass
@@ -27,16 +27,9 @@ class _State:
 
 
 class RegionSequence:
-    """What a table of regions does to each batch, as :mod:`cmfpga.rtl.regions` does.
+    """A table of regions, and what it does to each batch, as :mod:`cmfpga.rtl.regions` does.
 
-    Parameters
-    ----------
-    core : cmfpga.reference.sequence.Sequence
-        Ascends; what it keeps between batches is not used.
-
-    Attributes
-    ----------
-    regions : list of Region
+    ``core``, a :class:`~cmfpga.reference.sequence.Sequence`, ascends; what it keeps between batches is not used.
     """
 
     def __init__(self, core):
@@ -62,14 +55,8 @@ class RegionSequence:
     def run(self, t, x, y, settings, *, cut=False):
         """Process one batch, or slice of a window: a :class:`BatchResult` with an outcome for each region.
 
-        Parameters
-        ----------
-        t, x, y : integer arrays
-            All events of the batch, or slice, at least one.
-        settings : BatchSettings
-            Run-time inputs; ``roi``, ``thinning``, ``thin_target`` and ``start_last`` mean nothing here.
-        cut : bool
-            Whether the batch ended because it reached ``max_batch_events``.
+        Parameters are as of :meth:`Sequence.run <cmfpga.reference.sequence.Sequence.run>`, of one event or more. Of the
+        settings ``roi``, ``thinning``, ``thin_target`` and ``start_last`` mean nothing here.
         """
         self._slices.append((t, x, y))
         t, x, y = (torch.cat([torch.as_tensor(one) for one in axis]) for axis in zip(*self._slices, strict=True))

@@ -1,4 +1,4 @@
-"""What happens to a batch, and what is kept between batches, such as the ROI's position: in raw or in real numbers."""
+"""The way of a batch, and what is kept between batches, such as the ROI's position: in raw or in real numbers."""
 
 from abc import ABC, abstractmethod
 
@@ -29,17 +29,8 @@ class RoiFollower:
     With one event buffer a batch is cropped where the position is. With two, it is cropped before the move of the
     batch ahead of it is known: where the position would be if the last known move were repeated.
 
-    Parameters
-    ----------
-    config : Config
-        Sensor and ROI size, ``buffers``.
-    pixel : int or float
-        One pixel in the unit of positions: a power of two for raw integers, 1.0 for px.
-
-    Attributes
-    ----------
-    position : pair of numbers
-        Left edge and top edge of the ROI.
+    ``position`` is the ROI's left and top edge. ``pixel`` is one pixel in its unit: a power of two for raw integers,
+    1.0 for px.
     """
 
     def __init__(self, config, pixel):
@@ -88,12 +79,7 @@ class RoiFollower:
 class Sequence(ABC):
     """Batches in, velocities and a moving ROI out: crop, take in, plan, ascend, follow.
 
-    Parameters
-    ----------
-    config : Config
-        Formats and sizes.
-    pixel : int or float
-        One pixel in the numbers of the ROI's position.
+    ``pixel`` is as of :class:`RoiFollower`.
 
     Attributes
     ----------
@@ -105,10 +91,8 @@ class Sequence(ABC):
         Whether the last batch was flagged so.
     follower : RoiFollower
         Position of the ROI; the origin after a reset.
-    noise_filter : NoiseFilter
-        Remembers when each cell had events.
     thinning : int or None
-        What would have brought the last batch down to its target.
+        The factor that would have brought the last batch down to its target.
     plan : tuple of ScheduleEntry
         Iterations of the last batch.
     """
@@ -122,20 +106,9 @@ class Sequence(ABC):
         self.thinning = None
 
     def run(self, t, x, y, settings, *, cut=False):
-        """Process one batch.
+        """Process all events of one batch, integer arrays [N]: :class:`BatchResult`.
 
-        Parameters
-        ----------
-        t, x, y : integer arrays
-            All N events of the batch.
-        settings : BatchSettings
-            Run-time inputs.
-        cut : bool
-            Whether the batch ended because it reached ``max_batch_events``.
-
-        Returns
-        -------
-        BatchResult
+        ``cut``: the batch ended because it reached ``max_batch_events``.
         """
         rule = self.config.ascent_rule
         roi, limited = self.follower.crop(settings.roi)

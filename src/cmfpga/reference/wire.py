@@ -8,18 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..protocol.word_format import (
-    EVENT_TYPES,
-    HIGH_BITS,
-    LAST_COLUMN,
-    LOW_BITS,
-    OTHER_TYPES,
-    OTHER_TYPES_3,
-    TIME_BITS,
-    TIME_HIGH,
-    VECTORS,
-    Evt3,
-)
+from ..protocol import word_format
 
 WHOLE = 0xFF
 
@@ -45,8 +34,7 @@ class Token(NamedTuple):
 
 def to_beats(words, *, last=True):
     """Whole words as beats; TLAST with the last one, if ``last``."""
-    words = [int(word) for word in words]
-    return [Beat(word, WHOLE, last and k == len(words) - 1) for k, word in enumerate(words)]
+    return [Beat(int(word), last=last and k == len(words) - 1) for k, word in enumerate(words)]
 
 
 class _Evt2:
@@ -58,16 +46,16 @@ class _Evt2:
     def events(self, word, counts):
         """``(t, x, y, known)`` of each event in a word; ``counts`` grow by what it is otherwise."""
         vector, fields = (word & 0xFFFFFFFF, word >> 32) if self.bits == 64 else (1, word)
-        kind, high = fields >> 28, fields & ((1 << HIGH_BITS) - 1)
-        if kind in EVENT_TYPES:
-            t, x, y = self.high << LOW_BITS | fields >> 22 & 0x3F, fields >> 11 & 0x7FF, fields & 0x7FF
+        kind, high = fields >> 28, fields & ((1 << word_format.HIGH_BITS) - 1)
+        if kind in word_format.EVENT_TYPES:
+            t, x, y = self.high << word_format.LOW_BITS | fields >> 22 & 0x3F, fields >> 11 & 0x7FF, fields & 0x7FF
             return [(t, x + k, y, self.known) for k in range(32) if vector >> k & 1]
-        if kind == TIME_HIGH:
-            half = 1 << (HIGH_BITS - 1)
+        if kind == word_format.TIME_HIGH:
+            half = 1 << (word_format.HIGH_BITS - 1)
             counts["time_high_back"] += self.known and (high - self.high) % (2 * half) >= half
             self.high, self.known = high, True
         else:
-            counts["other_words" if kind in OTHER_TYPES else "format_errors"] += 1
+            counts["other_words" if kind in word_format.OTHER_TYPES else "format_errors"] += 1
         return []
 
 
@@ -89,24 +77,24 @@ class _Evt3:
         self.known, self.low, self.high, self.wraps, self.now, self.y, self.base = False, 0, 0, 0, 0, 0, 0
 
     def events(self, word, counts):
-        columns, half = [], 1 << (TIME_BITS - 1)
-        kind, value = word >> TIME_BITS, word & ((1 << TIME_BITS) - 1)
-        if kind == TIME_HIGH:
+        columns, half = [], 1 << (word_format.TIME_BITS - 1)
+        kind, value = word >> word_format.TIME_BITS, word & ((1 << word_format.TIME_BITS) - 1)
+        if kind == word_format.TIME_HIGH:
             self.wraps += self.known and value < self.high - half
             counts["time_high_back"] += self.known and self.high - half <= value < self.high
             self.low, self.high, self.known = self.low if value == self.high else 0, value, True
-        elif kind == Evt3.TIME_LOW:
+        elif kind == word_format.Evt3.TIME_LOW:
             self.low = value if self.known else 0
-        elif kind == Evt3.Y:
+        elif kind == word_format.Evt3.Y:
             self.y = value & 0x7FF
-        elif kind in (Evt3.X, Evt3.BASE):
-            self.base, columns = value & 0x7FF, [value & 0x7FF] * (kind == Evt3.X)
-        elif kind in VECTORS:
-            columns = [self.base + bit for bit in range(VECTORS[kind]) if value >> bit & 1]
-            self.base = min(self.base + VECTORS[kind], LAST_COLUMN)
+        elif kind in (word_format.Evt3.X, word_format.Evt3.BASE):
+            self.base, columns = value & 0x7FF, [value & 0x7FF] * (kind == word_format.Evt3.X)
+        elif kind in word_format.VECTORS:
+            columns = [self.base + bit for bit in range(word_format.VECTORS[kind]) if value >> bit & 1]
+            self.base = min(self.base + word_format.VECTORS[kind], word_format.LAST_COLUMN)
         else:
-            counts["other_words" if kind in OTHER_TYPES_3 else "format_errors"] += 1
-        self.now = max(self.now, (self.wraps << TIME_BITS | self.high) << TIME_BITS | self.low)
+            counts["other_words" if kind in word_format.OTHER_TYPES_3 else "format_errors"] += 1
+        self.now = max(self.now, (self.wraps << word_format.TIME_BITS | self.high) << word_format.TIME_BITS | self.low)
         return [(self.now, x, self.y, self.known) for x in columns]
 
 
@@ -137,17 +125,9 @@ def swap_beat(beat):
 
 
 def decode(config, beats, form, *, swap=False):
-    """Tokens of a stream, and what was counted: ``(list of Token, Counter)``.
+    """Tokens of a stream of beats, and what was counted: ``(list of Token, Counter)``.
 
-    Parameters
-    ----------
-    config : Config
-        ``time_bits``: what is left of time stamps.
-    beats : iterable of Beat
-    form : str
-        Key of :data:`cmfpga.protocol.registers.FORMATS`.
-    swap : bool
-        The halves of each word come exchanged.
+    ``form`` is a key of :data:`cmfpga.protocol.registers.FORMATS`. With ``swap`` each word's halves come exchanged.
     """
     counts = Counter(format_errors=0, other_words=0, time_high_back=0)
     beats = map(swap_beat, beats) if swap else beats
@@ -182,31 +162,18 @@ class BatchEnds:
 
 
 def split_batches(config, tokens, ends):
-    """Tokens to batches.
+    """Tokens, as :func:`sensor_gate` passes them, to ``(batches, rest, empty_ends)``.
 
-    Parameters
-    ----------
-    config : Config
-    tokens : iterable of Token
-        As :func:`sensor_gate` passes them.
-    ends : BatchEnds
-
-    Returns
-    -------
-    batches : list of (t, x, y, cut)
-        int64 arrays; ``cut`` where the batch, or slice, became as long as one may be.
-    rest : list of (t, x, y)
-        Events behind the last end.
-    empty_ends : int
-        Ends of packets without an event in the batch.
+    ``batches`` are (t, x, y, cut), int64 arrays, ``cut`` where the batch, or slice, became as long as one may be.
+    ``rest`` are (t, x, y) of the events after the last end. ``empty_ends`` counts ends of packets without an event in
+    the batch.
     """
     wrap, half = 1 << config.time_bits, 1 << (config.time_bits - 1)
     batches, batch, empty = [], [], 0
     completed = False  # the last token completed the number: an end that follows at once is that batch's
 
     def close(cut=False):
-        columns = np.array(batch, np.int64).reshape(-1, 3).T
-        batches.append((*columns, cut))
+        batches.append((*np.array(batch, np.int64).T, cut))
         batch.clear()
 
     for token in tokens:

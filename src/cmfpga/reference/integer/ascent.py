@@ -36,21 +36,9 @@ def gain(config, eta):
 
 
 def updater(config, v, g, *, gain):
-    """One step v + η·∂C/∂v (Eq. v_update) along one axis.
+    """One step v + η·∂C/∂v (Eq. v_update) along one axis, of the raw ``v`` and G: ``(next raw v, saturated)``.
 
-    Parameters
-    ----------
-    v : int
-        Raw ``config.formats.v``.
-    g : int
-        G of this axis.
-    gain : int
-        From :func:`gain`.
-
-    Returns
-    -------
-    (v, saturated) : (int, bool)
-        The next raw v; whether the gradient or v was limited to its format.
+    ``gain`` is from :func:`gain`. Saturated: the gradient or v was limited to its format.
     """
     fmt = config.formats.gradient
     slope = floor_shift(g, config.widths.gradient_shift)
@@ -94,20 +82,14 @@ class Solved(NamedTuple):
 
 
 def solve(config, gradients, entry):
-    """The step of a round, raw: :class:`Solved`.
+    """The step of a :class:`Round`, raw: :class:`Solved`.
 
-    Parameters
-    ----------
-    config : Config
-    gradients : sequence of four pairs of int
-        (Gx, Gy) at :func:`~cmfpga.protocol.confidence.beside`, in its order.
-    entry : Round
+    ``gradients`` are (Gx, Gy) at the four of :func:`~cmfpga.protocol.confidence.beside`, int, in its order.
     """
     fmt, widths = config.formats.v, config.widths
     sums = (*(sum(axis) for axis in zip(*gradients, strict=True)), *curvature(*gradients))
     x, y, xx, yy, cross = five = kept(widths.kept_bits, *(one >> widths.g_zeros for one in sums))
-    trace = xx + yy
-    det = 4 * xx * yy - cross * cross
+    trace, det = xx + yy, 4 * xx * yy - cross * cross
     if damped := 2 * det < trace * trace:
         square, more = trace * trace, trace >> 3
         xx, yy, det = xx + more, yy + more, det + (square >> 1) + (square >> 4)

@@ -17,18 +17,10 @@ from .motion import basis, flow, moments
 
 
 def confidence(config, sums, last, probed, settings, n):
-    """What the hardware finds behind a batch's last iteration: (fields of the result, flags).
+    """``(fields of the result, flags)`` after a batch's last iteration.
 
-    Parameters
-    ----------
-    config : Config
-    sums : tuple of int
-        Of the last iteration; of a round the means, floored.
-    last, probed : sequences of IntegerIteration
-        The evaluations of the last iteration; those beside v, of a motion beyond translation.
-    settings : BatchSettings
-    n : int
-        Events of each.
+    ``sums`` are its own, of a round the means, floored. ``last`` and ``probed`` are each an :class:`IntegerIteration`
+    of ``n`` events: the last iteration's evaluations, and those beside v of a motion beyond translation.
     """
     squares = sum(int((one.images.i**2).sum()) for one in last) // len(last)
     limit, found = settings.confidence_limit, not_judged(config) | {"sum_squares": squares}
@@ -100,9 +92,8 @@ class IntegerCore(Sequence):
             if rounds:
                 made, v, saturated = self.round(*events, velocities[-1], entry=entry)
             else:
-                done, saturated = self.iterate(
-                    *events, velocities[-1], entry=entry, eta=settings.eta, b=its, middle=middle
-                )
+                more = {"entry": entry, "eta": settings.eta, "b": its, "middle": middle}
+                done, saturated = self.iterate(*events, velocities[-1], **more)
                 made, v = (done,), done.v_next
             flags |= Flag.SATURATED if saturated else Flag(0)
             velocities.append(v)

@@ -9,13 +9,7 @@ from ...config.widths import Widths
 
 
 class NoiseFilter:
-    """Which events are of hot pixels, and which are background activity; remembers each cell's youngest events.
-
-    Parameters
-    ----------
-    config : Config
-        Says which of the two filters there are; without, it drops nothing.
-    """
+    """Which events are of hot pixels, and which are background activity; remembers each cell's youngest events."""
 
     def __init__(self, config):
         self.config = config
@@ -26,11 +20,7 @@ class NoiseFilter:
     def judge(self, t, x, y, settings):
         """``(hot, noise)`` of a batch's events, in their order: two bool [n]; no event is both.
 
-        Parameters
-        ----------
-        t, x, y : integer arrays [n]
-            Time stamps in µs, sensor columns and rows.
-        settings : BatchSettings
+        ``t``, µs, ``x`` and ``y``, sensor columns and rows, are integer arrays [n].
         """
         t, x, y = (np.asarray(axis).astype(np.int64) for axis in (t, x, y))
         hot, noise = np.zeros((2, len(t)), bool)

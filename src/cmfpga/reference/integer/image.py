@@ -10,24 +10,11 @@ from ...fixed import floor_shift, round_half_up, saturate
 
 
 def warp(config, x, y, dt, v, level=0):
-    """Warped positions x' = x − dt·v (Eq. x'_k), in pixels 2^level wide, floored and clamped.
+    """Warped positions x' = x − dt·v (Eq. x'_k), in pixels 2^level px wide: x'' = (x' + ½)/2^level − ½, floored.
 
-    Parameters
-    ----------
-    x, y : int64 tensors, [n]
-        Columns and rows in the ROI, with ``dithered_frac`` fraction bits.
-    dt : int64 tensor, [n]
-        Raw ``config.formats.dt``.
-    v : pair of int, or of int64 tensors [n]
-        Along x and y, with ``v_frac`` fraction bits.
-    level : int
-        Pixels are 2^level px wide: x'' = (x' + ½)/2^level − ½.
-
-    Returns
-    -------
-    (x'', y'') : int64 tensors, [n]
-        Raw ``config.formats.position_x`` and ``config.formats.position_y``, limited to −2 … size + 1 px: farther
-        is as good as there.
+    All are int64 tensors [n]: ``x``, ``y``, columns and rows in the ROI, with ``dithered_frac`` fraction bits; ``dt``
+    raw; ``v`` along x and y, or a pair of int, with ``v_frac``. Returns x'' and y'', raw ``formats.position_x`` and
+    ``position_y``, limited to −2 … size + 1 px: farther is as good as there.
     """
     frac, size = config.dt_frac + config.v_frac, (config.roi_width, config.roi_height)
     half, scaled_half = 1 << (frac - 1), 1 << (config.position_frac - 1)
@@ -75,14 +62,8 @@ def voter(config, x, y, dt, level=0):
     dx = torch.stack([derivative(gy), -derivative(gy), derivative(fy), -derivative(fy)], -1)
     dy = torch.stack([derivative(gx), derivative(fx), -derivative(gx), -derivative(fx)], -1)
     counted = inside.all(-1, keepdim=True) if config.border == "whole" else 1
-    return Votes(
-        inside,
-        column,
-        row,
-        w=torch.stack([weight(gx, gy), weight(fx, gy), weight(gx, fy), weight(fx, fy)], -1),
-        dx=dx * counted,
-        dy=dy * counted,
-    )
+    w = torch.stack([weight(gx, gy), weight(fx, gy), weight(gx, fy), weight(fx, fy)], -1)
+    return Votes(inside, column, row, w=w, dx=dx * counted, dy=dy * counted)
 
 
 class Images(NamedTuple):

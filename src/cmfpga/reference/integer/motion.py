@@ -15,16 +15,8 @@ from ...fixed import floor_shift, round_half_up, saturate
 def basis(config, x, y, *, roi, camera, middle=None):
     """``{member: int64 [n]}`` of the basis at events, raw; nothing where v is a translation.
 
-    Parameters
-    ----------
-    x, y : int64 tensors [n]
-        Columns and rows in the ROI, with ``dithered_frac`` fraction bits.
-    roi : pair of int
-        The ROI's corner.
-    camera : tuple
-        Nine numbers, for a rotation.
-    middle : pair of int, optional
-        Of a region in the ROI, in half pixels (:meth:`cmfpga.protocol.regions.Region.middle`); else the ROI's.
+    ``x``, ``y`` are int64 tensors [n], columns and rows in the ROI with ``dithered_frac`` fraction bits. The others are
+    as of :func:`cmfpga.reference.flow.basis`.
     """
     motion = config.motion_model
     if not motion.basis:
@@ -45,10 +37,7 @@ def basis(config, x, y, *, roi, camera, middle=None):
 
 
 def flow(config, v, b):
-    """How far events move along x and y per unit of dt: raw, ``v_frac`` fraction bits.
-
-    ``v`` are the raw parameters, ``b`` is :func:`basis`.
-    """
+    """How far events of a :func:`basis` ``b`` move along x and y per unit of dt: raw, ``v_frac`` fraction bits."""
     motion = config.motion_model
     if not motion.basis:
         return v

@@ -24,19 +24,11 @@ def inside(config, x, y, corner, size):
 
 
 def roi_filter(config, t, x, y, *, roi, size=None, hot=False, noise=False):
-    """Events of a batch that lie in the ROI.
+    """Events of a batch that lie in the ROI, of the corner ``roi`` and ``size`` (by default the configuration's), px.
 
-    Parameters
-    ----------
-    t, x, y : integer arrays, one length
-        Time stamps in µs (only their ``time_bits`` low bits count); columns and rows, raw with ``event_frac`` fraction
-        bits, as of :func:`cmfpga.imaging.camera.undistort`. The nearest pixel tells whether an event is in the ROI.
-    roi : pair of int
-        Left column and top row of the ROI.
-    size : pair of int, optional
-        Its columns and rows, by default the configuration's.
-    hot, noise : bool arrays
-        Events that are dropped, as :class:`~.filters.NoiseFilter` judges them.
+    ``t``, ``x``, ``y`` are integer arrays of one length: time stamps in µs (only their ``time_bits`` low bits count);
+    columns and rows, raw, as of :func:`cmfpga.imaging.camera.undistort`. The nearest pixel tells whether an event is in
+    the ROI. Those that are ``hot`` or ``noise``, as :class:`~.filters.NoiseFilter` judges them, are dropped.
     """
     t, x, y = (np.asarray(a, np.int64) for a in (t, x, y))
     if not len(t):
@@ -49,19 +41,12 @@ def roi_filter(config, t, x, y, *, roi, size=None, hot=False, noise=False):
     x, y = (axis - (at << config.formats.event_frac) for axis, at in zip((x, y), roi, strict=True))
     here = inside(config, x, y, (0, 0), size or (config.roi_width, config.roi_height))
     timely = ~(back | late)
-    hot, noise = (np.broadcast_to(mask, len(t)) for mask in (hot, noise))
+    hot, noise = (timely & mask for mask in (hot, noise))
     good = timely & ~(hot | noise)
     stored = good & here
-    counts = {
-        "t_first": int(t[0]) % wrap,
-        "events": len(t),
-        "outside": int((good & ~here).sum()),
-        "time_back": int(back.sum()),
-        "time_span": int(late.sum()),
-        "hot": int((timely & hot).sum()),
-        "noise": int((timely & noise & ~hot).sum()),
-        "span": span,
-    }
+    masks = {"outside": good & ~here, "time_back": back, "time_span": late, "hot": hot, "noise": noise & ~hot}
+    counts = {name: int(mask.sum()) for name, mask in masks.items()}
+    counts |= {"t_first": int(t[0]) % wrap, "events": len(t), "span": span}
     return Filtered(*(torch.from_numpy(a[stored]) for a in (since_first, x, y)), counts)
 
 

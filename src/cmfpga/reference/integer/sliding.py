@@ -47,18 +47,14 @@ _SCAN = 4096  # events that are looked at in one go, where time ends no hop
 
 
 class Sliding:
-    """Events in, a :class:`BatchResult` of each hop out.
+    """Events in, a :class:`BatchResult` of each hop out. :exc:`ConfigError` where a window or hop may not be so long.
 
-    What its fields say of a hop: ``t_first`` is the time of the window's first event, None of a degenerate one;
-    ``t_us`` is T, ``span`` the unit of time, 0 of a degenerate window: v is px per half of it. ``roi`` is where the
-    image lies, ``roi_next`` where events are cropped from the end of the next hop on. ``roi_events`` are those of the
-    window, of which ``fresh`` are new, and ``late`` come after the unit's end. The other counts are those of the hop.
+    Of a result ``t_first`` is the time of the window's first event, None of a degenerate one; ``t_us`` is T, ``span``
+    the unit of time, 0 of a degenerate window: v is px per half of it. ``roi`` is where the image lies, ``roi_next``
+    where events are cropped from the end of the next hop on. ``roi_events`` are those of the window, of which ``fresh``
+    are new, and ``late`` come after the unit's end. The other counts are those of the hop.
 
-    Parameters
-    ----------
-    config : Config
-    settings : BatchSettings
-        ``roi`` is where the first ROI lies, by default at 0, 0.
+    ``settings.roi`` is where the first ROI lies, by default at 0, 0.
 
     Attributes
     ----------
@@ -70,11 +66,6 @@ class Sliding:
         Times, columns and rows of the stored events from the window's first on.
     begin, end : int
         Numbers of the window's first event, and of the one after its last so far.
-
-    Raises
-    ------
-    ConfigError
-        A window or hop has a length that the configuration does not allow.
     """
 
     def __init__(self, config, settings):
@@ -198,24 +189,13 @@ class Sliding:
             flags |= Flag.DEGENERATE
         flags |= flags_of(self._counts, Flag.TIME_BACK, Flag.THINNED)
         result = BatchResult(
-            t_first=t_first % (1 << config.time_bits) if self._followed else None,
-            span=unit,
+            t_first=t_first % (1 << config.time_bits) if self._followed else None, span=unit,
             t_us=now % (1 << config.time_bits),
             **{name: self._counts[name] for name in ("events", "outside", "thinned", "time_back", "hot", "noise")},
-            time_span=0,
-            overflow=0,
-            roi_events=n,
-            fresh=self.end - self._last_end,
-            late=late,
-            roi=corner,
-            roi_next=self._next_crop,
-            v=self.core.velocity,
-            iterations=len(trace.sum_i),
-            sums=sums,
-            flags=flags,
-            **judged,
-            trace=trace,
-        )
+            time_span=0, overflow=0, roi_events=n, fresh=self.end - self._last_end, late=late, roi=corner,
+            roi_next=self._next_crop, v=self.core.velocity, iterations=len(trace.sum_i), sums=sums, flags=flags,
+            **judged, trace=trace,
+        )  # fmt: skip
         if self._followed:
             self._judged = None
             if given.after and config.confidence and given.judge:
