@@ -99,12 +99,9 @@ def _payload(escaped):
     """Of one frame; None if it is damaged."""
     if len(escaped) > LONGEST:
         return None
-    plain = bytearray()
-    bytes_left = iter(escaped)
-    for byte in bytes_left:
-        if byte == ESCAPE:
-            byte = {ESCAPED_END: END, ESCAPED_ESCAPE: ESCAPE}.get(next(bytes_left, None))
-            if byte is None:
-                return None
-        plain.append(byte)
-    return bytes(plain[:-2]) if len(plain) > 2 and binascii.crc_hqx(bytes(plain), 0xFFFF) == 0 else None
+    head, *parts = escaped.split(bytes([ESCAPE]))
+    known = {ESCAPED_END: END, ESCAPED_ESCAPE: ESCAPE}
+    if not all(part and part[0] in known for part in parts):
+        return None
+    plain = head + b"".join(bytes([known[part[0]]]) + part[1:] for part in parts)
+    return bytes(plain[:-2]) if len(plain) > 2 and binascii.crc_hqx(plain, 0xFFFF) == 0 else None

@@ -77,10 +77,8 @@ class Region:
         axes = zip("xy", places, sizes, self.corner(config), frame, sensor, strict=True)
         for name, place, side, at, most, end in axes:
             if side < 1 or at < 0 or at + side > most:
-                raise ConfigError(
-                    f"{where}: {side} px along {name} from {at} of the image on: at most {most} px are allowed "
-                    "(roi_width, roi_height)"
-                )
+                allowed = f"at most {most} px are allowed (roi_width, roi_height)"
+                raise ConfigError(f"{where}: {side} px along {name} from {at} of the image on: {allowed}")
             if not 0 <= place < end:
                 raise ConfigError(f"{where}: {name} = {place}: 0 to {end - 1} is allowed")
         if self.start not in STARTS:
@@ -204,8 +202,6 @@ def tables(config, regions, settings):
             *plan(region.warm, settings.warm), region.stride.bit_length() - 1, int(region.moves),
         ])  # fmt: skip
     if len(entries) > config.schedule_entries:
-        raise ConfigError(
-            f"schedules of the regions: {len(entries)} iterations; at most {config.schedule_entries} are allowed "
-            "(schedule_entries)"
-        )
+        most = f"at most {config.schedule_entries} are allowed (schedule_entries)"
+        raise ConfigError(f"schedules of the regions: {len(entries)} iterations; {most}")
     return rows, [table_entry(config, entry) for entry in entries]

@@ -57,10 +57,6 @@ def thins(config):
     return config.when_full == "thin" and not config.slides
 
 
-def _events(config):
-    return up_to(config.max_batch_events)
-
-
 def _thinning_used(config):
     """It is doubled only while the events, thinned by half of it, exceed the buffer."""
     most = config.widths.thinning_max
@@ -115,7 +111,8 @@ _FLAGS = tuple(
     for flag in Flag for bit in [flag.bit_length() - 1]
 )  # fmt: skip
 _JUDGED = {"scope": "region", "when": with_confidence, "default": None}
-_COUNT = {"shape": _events, "scope": "region", "counts": True, "taken_in": True, "unit": "events"}
+_EVENTS = {"shape": lambda c: up_to(c.max_batch_events), "taken_in": True, "unit": "events"}
+_COUNT = {**_EVENTS, "scope": "region", "counts": True}
 _FILTERED = {"scope": "batch", "default": 0}
 
 #: In the order of the Verilog ports, behind which come those of the AXI top. Words never change.
@@ -129,8 +126,8 @@ RESULTS = (
                 nothing=None, doc="time stamp of the first event, t_1", unit="µs", places=(Place(word=6),)),
     ResultField(name="span", shape=lambda c: whole(c.span_bits), scope="batch", taken_in=True, doc="t_N − t_1",
                 unit="µs", places=(Place(word=7),)),
-    ResultField(name="events", shape=_events, scope="batch", taken_in=True, unit="events",
-                doc="N; the sum of all counts of events that follow", places=(Place(word=9),)),
+    ResultField(name="events", **_EVENTS, scope="batch", doc="N; the sum of all counts of events that follow",
+                places=(Place(word=9),)),
     ResultField(name="roi_events", **_COUNT | {"shape": lambda c: up_to(c.buffer_events), "counts": in_batches},
                 doc="n: in the ROI, and stored", places=(Place(word=10),),
                 total=Place(word=18, doc="stored, of all results")),

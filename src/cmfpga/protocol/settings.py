@@ -21,22 +21,18 @@ by_signs, with_confidence, with_hot_pixels, with_background, with_windows, with_
 
 
 def with_undistortion(config):
-    """Only with ``undistortion="on"``."""
     return config.undistortion == "on"
 
 
 def in_batches(config):
-    """Only where no windows slide."""
     return not config.slides
 
 
 def with_one_roi(config):
-    """Only without a table of regions."""
     return not config.regions
 
 
 def with_rotation(config):
-    """Only with ``motion="rotation"``."""
     return config.motion == "rotation"
 
 
@@ -123,7 +119,7 @@ def plan_high(config):
 
 
 def plan_places(word, doc):
-    """Where a register shows that."""
+    """Places of such a part in a register."""
     return (
         Place(word=word, part="_first", field="FIRST", width=16, doc="first entry",
               register_doc=f"{doc}: entries of SCHEDULE"),
@@ -291,11 +287,8 @@ class BatchSettings(record("_OfBatch", __name__, (s for s in SETTINGS if s.of_ba
 
 def settings_values(config, settings):
     """``{leaf: raw value}`` of the core's settings inputs, by the names of the Verilog ports behind ``settings_``."""
-    return {
-        leaf: value
-        for setting in settings_of(config, "core")
-        for leaf, value in setting.values(config, settings).items()
-    }
+    values = (setting.values(config, settings) for setting in settings_of(config, "core"))
+    return {leaf: value for found in values for leaf, value in found.items()}
 
 
 def schedule_table(config, settings):
@@ -306,8 +299,7 @@ def schedule_table(config, settings):
 def schedule_highest(config):
     """The largest number that each part of an entry of the hardware's table of schedules may have, by name.
 
-    Pixels are 2^level px wide. The sign ascent moves v by 2^shift raw units, and uses one event in 2^stride. A round
-    has the number of one of :data:`~cmfpga.config.schedule.DISTANCES` and the code of a limit.
+    See :func:`table_entry`.
     """
     largest = config.formats.v.width - 2
     if config.ascent_rule.evaluations > 1:
@@ -328,5 +320,6 @@ def table_entry(config, entry):
 
 def clamp_roi(config, roi):
     """``roi`` limited to the sensor, and whether that changed it."""
-    clamped = (int(saturate(roi[0], 0, config.geometry.roi_x_max)), int(saturate(roi[1], 0, config.geometry.roi_y_max)))
+    most = config.geometry.roi_x_max, config.geometry.roi_y_max
+    clamped = tuple(int(saturate(at, 0, limit)) for at, limit in zip(roi, most, strict=True))
     return clamped, clamped != tuple(roi)

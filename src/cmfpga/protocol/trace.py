@@ -24,7 +24,7 @@ class Trace:
 
     def __eq__(self, other):
         return isinstance(other, Trace) and all(
-            np.array_equal(getattr(self, name), getattr(other, name)) for name in ("v", "sum_i", "sum_d", "s")
+            np.array_equal(one, vars(other)[name]) for name, one in vars(self).items()
         )
 
     @classmethod
@@ -39,8 +39,7 @@ class Trace:
     def without_iterations(cls, config, v):
         """Of a batch that leaves the velocity at ``v``: T = 0."""
         v, each = np.array([v]), config.ascent_rule.evaluations
-        none = np.zeros((0, *((each,) if each > 1 else ()), 3 + v.shape[1]), v.dtype)
-        return cls(v=v, sum_i=none[..., 0], sum_d=none[..., 1:3], s=none[..., 3:])
+        return cls.of_table(v, np.zeros((0, *((each,) if each > 1 else ()), 3 + v.shape[1]), v.dtype))
 
     @classmethod
     def of_ports(cls, config, rows, v):

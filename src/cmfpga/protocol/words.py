@@ -173,15 +173,11 @@ def read_raw(path):
     widths = {"EVT21": (8, r"evt ?2\.?1"), "EVT20": (4, r"evt ?2(\.0)?\b"), "EVT30": (2, "evt ?3")}
     form = next((form for form, (_, said) in widths.items() if re.search(said, found)), None)
     if form is None:
-        raise RecordingError(
-            f"{path}: the header names none of evt 2.0, 2.1 and 3.0, which are what the AXI top decodes"
-        )
+        why = "the header names none of evt 2.0, 2.1 and 3.0, which are what the AXI top decodes"
+        raise RecordingError(f"{path}: {why}")
     body = body[: len(body) - len(body) % widths[form][0]]
     body += b"\xff" * (-len(body) % 8)
     return form, np.frombuffer(body, "<u8").astype(np.uint64)
-
-
-# ---------------------------------------------------------------- results
 
 
 def split_packets(registers, words):

@@ -4,6 +4,5 @@ from .declaration import FORMATS, ID, MAP_VERSION, check, formats_of, register_m
 from .layout import ACCESS, Field, Register, RegisterMap
 
 __all__ = [
-    "ACCESS", "FORMATS", "ID", "MAP_VERSION", "Field", "Register", "RegisterMap", "check",
-    "formats_of", "register_map",
+    "ACCESS", "FORMATS", "ID", "MAP_VERSION", "Field", "Register", "RegisterMap", "check", "formats_of", "register_map",
 ]  # fmt: skip

@@ -63,12 +63,9 @@ _OF_WINDOWS = {
 MORE_COUNTERS = {
     "RESULTS_SKIPPED": (with_windows, "results", "results that were not sent, because of EVERY"),
     "HOT": (with_hot_pixels, "events", "dropped: of pixels marked as hot, of all results"),
-    "NOISE": (
-        with_background,
-        "events",
-        "dropped: no other pixel of the cell had an event shortly before, of all results",
-    ),
-}
+    "NOISE": (with_background, "events", "dropped: no other pixel of the cell had an event shortly before, of all "
+              "results"),
+}  # fmt: skip
 
 
 def counters(config):

@@ -64,9 +64,6 @@ def register_map(config):
     ))  # fmt: skip
 
 
-# ---------------------------------------------------------------- groups
-
-
 def _control():
     control = [
         flag("START", 0, 1, "1: begin a batch with the next event; cleared when it begins, unless AUTO_RESTART"),

@@ -29,12 +29,10 @@ _RDL_ACCESS = {
 def systemrdl(registers, title):
     """The map as SystemRDL 2.0 text, an ``addrmap`` called ``cmfpga``."""
     lines = [f"// {title}", ""]
-    for register in registers:
-        for f in register.fields:
-            if f.values:
-                lines.append(f"enum {_enum(register, f)} {{")
-                lines += [f"    {name} = {f.width}'d{value};" for name, value in f.values.items()]
-                lines += ["};", ""]
+    for register, f in ((register, f) for register in registers for f in register.fields if f.values):
+        lines.append(f"enum {_enum(register, f)} {{")
+        lines += [f"    {name} = {f.width}'d{value};" for name, value in f.values.items()]
+        lines += ["};", ""]
     lines += ["addrmap cmfpga {", f"    name = {_quoted('cmfpga')};", f"    desc = {_quoted(title)};"]
     lines += ["    default regwidth = 32;", "    default accesswidth = 32;"]
     for register in registers:
@@ -101,25 +99,23 @@ def tcl(registers):
             name = f"{register.name}_{number}" if register.count > 1 else register.name
             reset = sum((f.reset << f.lsb) & f.mask for f in register.fields)
             access = {_IPX_ACCESS.get(f.access, "read-write") for f in register.fields}
-            lines += [
-                f"    set register [ipx::add_register {name} $address_block]",
-                f"    set_property address_offset 0x{register.offset + 4 * number:X} $register",
-                "    set_property size 32 $register",
-                f"    set_property access {access.pop() if len(access) == 1 else 'read-write'} $register",
-                f"    set_property description {_braced(register.doc)} $register",
-                f"    set_property reset_value 0x{reset:X} $register",
-            ]
+            lines += _ipx("register", name, "address_block", {
+                "address_offset": f"0x{register.offset + 4 * number:X}", "size": 32,
+                "access": access.pop() if len(access) == 1 else "read-write",
+                "description": _braced(register.doc), "reset_value": f"0x{reset:X}",
+            })  # fmt: skip
             for f in register.fields:
-                lines += [
-                    f"    set field [ipx::add_field {f.name} $register]",
-                    f"    set_property bit_offset {f.lsb} $field",
-                    f"    set_property bit_width {f.width} $field",
-                    f"    set_property access {_IPX_ACCESS.get(f.access, 'read-write')} $field",
-                    f"    set_property description {_braced(_meaning(f))} $field",
-                ]
-                if f.access == "sticky":
-                    lines.append("    set_property modified_write_value oneToClear $field")
+                lines += _ipx("field", f.name, "register", {
+                    "bit_offset": f.lsb, "bit_width": f.width, "access": _IPX_ACCESS.get(f.access, "read-write"),
+                    "description": _braced(_meaning(f)),
+                    **({"modified_write_value": "oneToClear"} if f.access == "sticky" else {}),
+                })  # fmt: skip
     return "\n".join([*lines, "}"]) + "\n"
+
+
+def _ipx(kind, name, parent, properties):
+    add = f"    set {kind} [ipx::add_{kind} {name} ${parent}]"
+    return [add, *(f"    set_property {one} {value} ${kind}" for one, value in properties.items())]
 
 
 def c_header(registers, settings=()):
@@ -151,8 +147,7 @@ def _braced(text):
 
 def has_peakrdl():
     """Whether the optional extra is installed."""
-    names = ("systemrdl", "peakrdl_html", "peakrdl_ipxact")
-    return all(importlib.util.find_spec(name) is not None for name in names)
+    return all(map(importlib.util.find_spec, ("systemrdl", "peakrdl_html", "peakrdl_ipxact")))
 
 
 def write_documents(registers, title, folder, settings=()):

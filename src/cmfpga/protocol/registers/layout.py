@@ -85,10 +85,10 @@ class Register:
 
     def __getitem__(self, name):
         """The field called ``name``."""
-        for candidate in self.fields:
-            if candidate.name == name:
-                return candidate
-        raise KeyError(f"{self.name} has no field {name}; it has {', '.join(f.name for f in self.fields)}")
+        by_name = {f.name: f for f in self.fields}
+        if name not in by_name:
+            raise KeyError(f"{self.name} has no field {name}; it has {', '.join(by_name)}")
+        return by_name[name]
 
     @property
     def reset(self):
@@ -164,9 +164,6 @@ class RegisterMap:
                 if f.link:
                     found.setdefault(f.link, []).append((register, f))
         return {link: tuple(sorted(parts, key=lambda part: part[1].link_lsb)) for link, parts in found.items()}
-
-
-# ---------------------------------------------------------------- short ways of declaring
 
 
 def in_order(group, declared, count=1):
