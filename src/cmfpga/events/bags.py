@@ -55,11 +55,11 @@ class RosbagRecording(StreamedRecording):
                     height, width = message.take("II")
                     if connection.msgtype in _ARRAYS:
                         yield width, height, None, message.take_events()
-                    else:
-                        message.take("QQ")  # sequence number, time base
-                        encoding = message.take_bytes().rstrip(b"\0").decode()
-                        message.take("B")  # order of bytes
-                        yield width, height, encoding, message.take_bytes()
+                        continue
+                    message.take("QQ")  # sequence number, time base
+                    encoding = message.take_bytes().rstrip(b"\0").decode()
+                    message.take("B")  # order of bytes
+                    yield width, height, encoding, message.take_bytes()
         except (GeneratorExit, RecordingError):
             raise
         except Exception as error:
@@ -72,9 +72,8 @@ class RosbagRecording(StreamedRecording):
         if self._topic in topics or (self._topic is None and len(topics) == 1):
             return [c for c in found if c.topic == (self._topic or topics[0])]
         others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for c in bag.connections})) or "nothing"
-        told = f"events in {' and '.join(topics)}" if topics else f"no topic of events; it holds {others}"
-        cure = "; --dataset TOPIC (dataset=) says which it is" if topics else ""
-        raise RecordingError(f"{self.name}: {told}{cure}")
+        told = f"events in {' and '.join(topics)}; --dataset TOPIC (dataset=) says which it is"
+        raise RecordingError(f"{self.name}: {told if topics else f'no topic of events; it holds {others}'}")
 
     def _pieces(self):
         decoder, count = None, 0

@@ -32,22 +32,17 @@ class CameraRecording(StreamedRecording):
         self._kind = kind
         self._faery = import_optional("faery", path, format)
         super().__init__(path, format, sensor=sensor or file_sensor, time_unit=time_unit)
-        if self.width is None:
-            self.width, self.height = self._decoder_sensor() or (None, None)
+        if self.width is None and kind != "dat":
+            try:
+                self.width, self.height = map(int, self._stream().dimensions())
+            except BaseException as error:
+                raise self._error(error, 0) from None
         self._require_events()
 
     def _stream(self):
         # Of a DAT that does not name the sensor, all that its coordinates can be.
         sensor = (1 << 14, 1 << 14) if self._kind == "dat" else (1, 1)
         return self._faery.events_stream_from_file(self.path, file_type=self._kind, dimensions_fallback=sensor)
-
-    def _decoder_sensor(self):
-        if self._kind == "dat":
-            return None
-        try:
-            return tuple(map(int, self._stream().dimensions()))
-        except BaseException as error:
-            raise self._error(error, 0) from None
 
     def _stored(self):
         count, stream = 0, None
@@ -78,14 +73,11 @@ class CameraRecording(StreamedRecording):
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             head = file.read(HEAD_BYTES)
-        if self._kind == "aedat":
-            table = _data_table_position(head)
-            return f"{size:,} bytes of more than {table:,}" if table > size else None
-        if self._kind == "es":
-            return None
-        _, begin = prophesee_header(head)
-        rest = (size - begin - 2) % _DAT_EVENT_BYTES
-        return f"{rest} of {_DAT_EVENT_BYTES} bytes of the last word are there" if rest else None
+        if self._kind == "aedat" and (table := _data_table_position(head)) > size:
+            return f"{size:,} bytes of more than {table:,}"
+        if self._kind == "dat" and (rest := (size - prophesee_header(head)[1] - 2) % _DAT_EVENT_BYTES):
+            return f"{rest} of {_DAT_EVENT_BYTES} bytes of the last word are there"
+        return None
 
 
 def import_optional(name, path, format):

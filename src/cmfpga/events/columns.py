@@ -96,10 +96,8 @@ def as_events(data, time_unit=None):
         refuse(odd, lambda k: f"events: polarity of event {k} is {table[k, 3]}; {needed}")
         return events
     shape = getattr(data, "shape", ())
-    raise RecordingError(
-        f"events: {type(data).__name__}{' of ' * bool(shape)}{'×'.join(map(str, shape))}; (t, x, y, p), a structured "
-        "array, or N×4 with columns t, x, y, p is needed"
-    )
+    found = f"{type(data).__name__}{' of ' * bool(shape)}{'×'.join(map(str, shape))}"
+    raise RecordingError(f"events: {found}; (t, x, y, p), a structured array, or N×4 with columns t, x, y, p is needed")
 
 
 class Columns:

@@ -82,8 +82,8 @@ def _node_of_events(file, path, dataset):
             raise RecordingError(f"{path}: no data set {dataset!r}; it holds {_contents(file)}")
         return node
     for name in (_MVSEC, _PROPHESEE, "events"):
-        if isinstance(file.get(name), h5py.Dataset):
-            return file[name]
+        if isinstance(node := file.get(name), h5py.Dataset):
+            return node
     groups = [group for group in (file.get("events"), file) if group is not None]
     group = max(groups, key=lambda group: len(match_names(group)))  # the first of equals
     if match_names(group):
@@ -267,17 +267,13 @@ class Hdf5Writer:
             return
         with self._errors():
             for name in NAMES:
-                values = getattr(events, name)
-                if not self._count:
-                    # Small recordings keep small chunks; a chunk is never larger than the first piece.
-                    self._file.create_dataset(
-                        f"events/{name}", data=values, maxshape=(None,), chunks=(min(len(values), _STORED_CHUNK),),
-                        compression="gzip", shuffle=True,
-                    )  # fmt: skip
-                    continue
-                column = self._file[f"events/{name}"]
+                # Small recordings keep small chunks; a chunk is never larger than the first piece.
+                column = self._file.get(f"events/{name}") or self._file.create_dataset(
+                    f"events/{name}", (0,), getattr(events, name).dtype, maxshape=(None,),
+                    chunks=(min(len(events), _STORED_CHUNK),), compression="gzip", shuffle=True,
+                )  # fmt: skip
                 column.resize(self._count + len(events), axis=0)
-                column[self._count :] = values
+                column[self._count :] = getattr(events, name)
             self._file["events/t"].attrs["unit"] = "microseconds"
         self._first = int(events.t[0]) if self._first is None else self._first
         self._last = int(events.t[-1])

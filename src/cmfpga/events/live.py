@@ -21,7 +21,7 @@ from ..errors import RecordingError
 from .arrays import EventChecker, Events
 from .evt import EvtDecoder, TimeWords
 from .raw import FORMS, HEADER_BYTES, evt_version, prophesee_header, raw_sensor
-from .recording import check_sensor
+from .recording import check_sensor, open_recording
 from .usb import Camera
 
 #: Events that wait for the track, at most about so many.
@@ -121,7 +121,7 @@ class LiveSource(Feed):
         self._waiting, self._closed, self._error = 0, False, None
         self._changed = threading.Condition()
         name = os.fspath(path)
-        self._fd, self._socket, self._camera, self._times = None, None, None, None
+        self._fd = self._socket = self._camera = self._times = self._thread = None
         try:
             if name.startswith("camera:"):
                 self._camera, first = Camera(name), b""
@@ -134,11 +134,10 @@ class LiveSource(Feed):
                 size = sensor or raw_sensor(fields)
                 self.format, self._decoder = f"stream of EVT {version}", EvtDecoder(version, size)
                 self._times = TimeWords(version)
-        except OSError as error:
+        except BaseException as error:
             self.close()
-            raise RecordingError(f"{name}: {error.strerror or error}") from None
-        except BaseException:
-            self.close()
+            if isinstance(error, OSError):
+                raise RecordingError(f"{name}: {error.strerror or error}") from None
             raise
         super().__init__(sensor or size, name)
         self._thread = threading.Thread(target=self._run, args=(first,), daemon=True)
@@ -200,10 +199,10 @@ class LiveSource(Feed):
             finally:
                 if self._times:
                     self._take(self._times(b"", last=True))
-            if self._decoder.rest and not self._closed:
-                raise RecordingError(
-                    f"{self.name}: cut off: {len(self._decoder.rest)} of {self._decoder.word_bytes} bytes of the last "
-                    f"word came; the {self.received} events before were read"
+            if (rest := len(self._decoder.rest)) and not self._closed:
+                came = f"{rest} of {self._decoder.word_bytes} bytes of the last word came"
+                self._error = RecordingError(
+                    f"{self.name}: cut off: {came}; the {self.received} events before were read"
                 )
         except OSError as error:
             why = error.strerror or error
@@ -278,11 +277,10 @@ class LiveSource(Feed):
         return (self._camera.note,) if self._camera else ()
 
     def counts(self):
-        """What was received and lost, JSON-ready; ``before_time``: left out ahead of the first word of time.
+        """Events received, lost and left out, JSON-ready; ``before_time``: ahead of the first word of time.
 
-        ``wrong_times`` are words, as :class:`.evt.TimeWords` leaves them out.
-        Of a camera ``driver_backlog`` and ``driver_dropped`` are packets, as :class:`.usb.Camera` has them with
-        ``reconnected``.
+        ``wrong_times`` are words, as :class:`.evt.TimeWords` leaves them out. A :class:`.usb.Camera` has three counts
+        more, of packets and of connections.
         """
         counts = {
             "received": self.received, "lost": self.lost, "out_of_sensor": self.outside,
@@ -290,12 +288,12 @@ class LiveSource(Feed):
             "wrong_times": self._times.wrong if self._times else 0,
         }  # fmt: skip
         if camera := self._camera:
-            counts |= {"driver_backlog": camera.backlog, "driver_dropped": camera.dropped}
-            counts["reconnected"] = camera.reconnected
+            more = {"driver_backlog": camera.backlog, "driver_dropped": camera.dropped}
+            counts |= more | {"reconnected": camera.reconnected}
         return counts
 
     def stop(self):
-        """What was not taken yet is left, as if the stream had ended; a handler of signals may call it."""
+        """End the stream, whatever was not taken yet; a handler of signals may call it."""
         with self._changed:
             self.stopped = True
             self._changed.notify_all()
@@ -305,8 +303,8 @@ class LiveSource(Feed):
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-        if (thread := getattr(self, "_thread", None)) is not None:
-            thread.join()
+        if self._thread is not None:
+            self._thread.join()
         if self._socket is not None:
             self._socket.close()
         elif self._fd is not None:
@@ -327,8 +325,6 @@ def open_source(path, *, form=None, drop=False, quiet=None, **options):
 
     ``options`` are those of :func:`~cmfpga.events.open_recording`; of a stream only ``sensor`` counts.
     """
-    from .recording import open_recording
-
     if not is_live(path):
         if drop:
             streams = "-, tcp://HOST:PORT, a named pipe, camera:"

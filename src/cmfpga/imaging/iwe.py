@@ -95,7 +95,7 @@ def image_of_votes(across, down, columns, rows):
 
 
 def gain(config, x, y, dt, v, roi):
-    """How many times the contrast at v = 0 that at ``v``, a motion's parameters, is, where the image shows motion only.
+    """Contrast at ``v``, a motion's parameters, over the one at v = 0, where the image shows motion only.
 
     Dithered, whatever the configuration: on whole pixels, v = 0 has an edge that the motion did not give it.
     """

@@ -19,16 +19,12 @@ REACH_PX = 10  # velocities that the grid holds, px per half window
 
 
 def estimate(x, y, dt, width, height):
-    """Velocity at which the image of warped events is sharpest, px per half window, and how much sharper than at 0.
+    """``(v, gain, clarity)``: the velocity at which the image of warped events is sharpest, float64 [2], and how sharp.
 
-    Of ``x``, ``y``, float64 [n], positions in an ROI of ``width`` × ``height`` px, and scaled times ``dt``, −1 … 1.
-
-    Returns
-    -------
-    (vx, vy), gain, clarity : float64 [2], float, float
-        ``gain`` is the contrast at v over the one at v = 0. ``clarity`` is what the contrast loses, as a share of it, 3
-        px away in the direction in which it loses least, in an image of pixels twice as wide: near 0 where all edges
-        have one direction, along which the motion cannot be seen.
+    ``x``, ``y``, float64 [n], are positions in an ROI of ``width`` × ``height`` px, ``dt`` scaled times, −1 … 1; v is
+    in px per half window. ``gain`` is the contrast at v over the one at v = 0. ``clarity`` is the share of the contrast
+    that is lost 3 px away in the direction in which least is, in an image of pixels twice as wide: near 0 where all
+    edges have one direction, along which the motion cannot be seen.
     """
     x, y = dithered(x, y)
 
@@ -139,24 +135,11 @@ class Proposal:
 
 
 def propose(recording, survey, config, *, count=1, start_event=None, tick=lambda: None):
-    """ROIs and batches for ``count`` objects that do not overlap, the clearest first.
+    """List of :class:`Proposal` for up to ``count`` objects that do not overlap, the clearest first.
 
-    Parameters
-    ----------
-    survey : Survey or None
-        Of the whole recording: its hot pixels are left out where places are looked for, and its number of events says
-        where to look. Without it, only the recording's start is looked at.
-    config : Config
-        Gives the ROI's size and what the hardware holds.
-    start_event : int, optional
-        Look there only; by default at the recording's start and, if nothing moves clearly there, later.
-    tick : callable
-        Called now and then, with no arguments.
-
-    Returns
-    -------
-    list of Proposal
-        May be shorter than ``count``, or empty where nothing moves clearly. All have one ``start_event``.
+    Empty where nothing moves clearly. All have one ``start_event``: the one that is given, or the recording's start or,
+    if nothing moves clearly there, later. Hot pixels of the ``survey`` of the whole recording are left out, and its
+    number of events says where to look; without it, only the start is looked at. ``tick()`` is called now and then.
     """
     if config.binning:
         raise ConfigError(f"binning = {config.binning}: an ROI is proposed in the sensor's pixels; --roi X,Y is needed")

@@ -276,7 +276,8 @@ def _centred(counts, place, config):
     total = part.sum()
     if not total:
         return place
-    rows, columns = counts.shape
-    x += round(float((part.sum(axis=0) * np.arange(part.shape[1])).sum() / total - (config.roi_width - 1) / 2))
-    y += round(float((part.sum(axis=1) * np.arange(part.shape[0])).sum() / total - (config.roi_height - 1) / 2))
-    return min(max(x, 0), columns - config.roi_width), min(max(y, 0), rows - config.roi_height)
+    axes = zip(place, part.shape[::-1], counts.shape[::-1], (part.sum(axis=0), part.sum(axis=1)), strict=True)
+    return tuple(
+        min(max(at + round(float((sums * np.arange(size)).sum() / total - (size - 1) / 2)), 0), end - size)
+        for at, size, end, sums in axes
+    )

@@ -29,7 +29,7 @@ _RDL_ACCESS = {
 def systemrdl(registers, title):
     """The map as SystemRDL 2.0 text, an ``addrmap`` called ``cmfpga``."""
     lines = [f"// {title}", ""]
-    for register, f in ((register, f) for register in registers for f in register.fields if f.values):
+    for register, f in ((one, f) for one in registers for f in one.fields if f.values):
         lines.append(f"enum {_enum(register, f)} {{")
         lines += [f"    {name} = {f.width}'d{value};" for name, value in f.values.items()]
         lines += ["};", ""]
