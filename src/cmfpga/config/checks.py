@@ -159,15 +159,12 @@ def _check_ascent(config):
     if lengths.get("after", 0) > 1:
         raise ConfigError(f"after: {lengths['after']} iterations: at most one is allowed")
     if sum(lengths.values()) > config.schedule_entries:
-        raise ConfigError(
-            f"{' and '.join(names)}: {' + '.join(map(str, lengths.values()))} iterations; "
-            f"at most {config.schedule_entries} are allowed in all (schedule_entries)"
-        )
+        found = f"{' and '.join(names)}: {' + '.join(map(str, lengths.values()))} iterations"
+        raise ConfigError(f"{found}; at most {config.schedule_entries} are allowed in all (schedule_entries)")
     for name, iterations in lengths.items():
         if iterations > config.max_iterations:
-            raise ConfigError(
-                f"{name}: {iterations} iterations; at most {config.max_iterations} are allowed (max_iterations)"
-            )
+            most = f"at most {config.max_iterations} are allowed (max_iterations)"
+            raise ConfigError(f"{name}: {iterations} iterations; {most}")
 
 
 def _check_tags(config):
@@ -188,10 +185,8 @@ def _check_widths(config):
             _refuse(config, name, f"at most dt_frac + v_frac = {most} is allowed")
     for what, width in config.widths.exact.items():
         if width > 63:
-            raise ConfigError(
-                f"{what} needs {width} bits, more than the 63 that the exact integer model has: "
-                "a smaller buffer_events, ROI, or fraction width is needed"
-            )
+            cure = "a smaller buffer_events, ROI, or fraction width is needed"
+            raise ConfigError(f"{what} needs {width} bits, more than the 63 that the exact integer model has: {cure}")
 
 
 def parse_pixels(text, config):
@@ -204,12 +199,10 @@ def parse_pixels(text, config):
         column, comma, row = word.partition(",")
         if not (comma and column.isdecimal() and row.isdecimal() and len(word) < 20):
             raise ConfigError(f"hot_mask: {word[:40]!r}: X,Y of a pixel is needed, pixels separated by ';'")
-        pixel = int(column), int(row)
+        found.add(pixel := (int(column), int(row)))
         if pixel[0] >= config.sensor_width or pixel[1] >= config.sensor_height:
-            raise ConfigError(
-                f"hot_mask: pixel {word}: 0,0 to {config.sensor_width - 1},{config.sensor_height - 1} is needed"
-            )
-        found.add(pixel)
+            most = f"{config.sensor_width - 1},{config.sensor_height - 1}"
+            raise ConfigError(f"hot_mask: pixel {word}: 0,0 to {most} is needed")
     return tuple(sorted(found))
 
 

@@ -76,12 +76,8 @@ class MotionModel:
 
     def factors(self, parameter):
         """``((axis, member of the basis, sign), …)`` of a parameter's terms."""
-        return tuple(
-            (axis, member, sign)
-            for axis, terms in self.terms.items()
-            for name, member, sign in terms
-            if name == parameter
-        )
+        terms = ((axis, *term) for axis, terms in self.terms.items() for term in terms)
+        return tuple((axis, member, sign) for axis, name, member, sign in terms if name == parameter)
 
     @property
     def reach(self):
@@ -134,13 +130,8 @@ def motion_model(config):
     integer = {name: max(0, bits_for(far + 1) - lever) for name, far in farthest.items()}
     # Rays beyond 63 degrees from the axis (xx = 4) saturate.
     formats = {name: Q(integer.get(name, 2), lever + MotionModel.place_frac) for name in members}
-    return MotionModel(
-        name=config.motion,
-        parameters=(*axes, *(Parameter(name=name, fmt=limited) for name in more)),
-        terms=terms,
-        lever=lever,
-        basis=formats,
-    )
+    parameters = (*axes, *(Parameter(name=name, fmt=limited) for name in more))
+    return MotionModel(name=config.motion, parameters=parameters, terms=terms, lever=lever, basis=formats)
 
 
 def needs(motion):
@@ -160,9 +151,8 @@ def check_lens(config):
     for name, value, size in zip(("cx", "cy"), (cx, cy), config.geometry.size, strict=True):
         last = config.pixel * (size - 1) + first
         if not first <= value <= last:
-            raise ConfigError(
-                f"motion = rotation: {name} = {value:g} px: {first:g} to {last:g} is needed, on the sensor"
-            )
+            allowed = f"{first:g} to {last:g} is needed, on the sensor"
+            raise ConfigError(f"motion = rotation: {name} = {value:g} px: {allowed}")
     least = config.pixel * 2 ** ((MotionModel.curve_frac - MotionModel.curve_bits) / 2)
     if least > (fx * fy) ** 0.5:
         raise ConfigError(f"motion = rotation: f = {(fx * fy) ** 0.5:g} px: at least {least:g} px is needed")

@@ -30,6 +30,5 @@ class Regions:
 def check_one_region(config):
     """Raise :exc:`ConfigError` of hardware with a table of regions, where one ROI is wanted."""
     if config.regions:
-        raise ConfigError(
-            f"regions = {config.regions}: this is for one ROI; many regions: cmfpga track, flow and build"
-        )
+        cure = "many regions: cmfpga track, flow and build"
+        raise ConfigError(f"regions = {config.regions}: this is for one ROI; {cure}")

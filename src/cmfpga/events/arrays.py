@@ -167,9 +167,8 @@ def _microseconds(t, unit):
     if t.dtype == np.int64 and unit is None:
         return t
     if t.dtype.kind == "f" and unit is None and len(t):
-        raise RecordingError(
-            f"Events: t holds {t.dtype}, of no known unit; time_unit = {', '.join(TIME_UNITS)} says which"
-        )
+        cure = f"time_unit = {', '.join(TIME_UNITS)} says which"
+        raise RecordingError(f"Events: t holds {t.dtype}, of no known unit; {cure}")
     return to_us(t, unit or "us", "Events")
 
 

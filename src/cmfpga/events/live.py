@@ -200,10 +200,8 @@ class LiveSource(Feed):
                 if self._times:
                     self._take(self._times(b"", last=True))
             if (rest := len(self._decoder.rest)) and not self._closed:
-                came = f"{rest} of {self._decoder.word_bytes} bytes of the last word came"
-                self._error = RecordingError(
-                    f"{self.name}: cut off: {came}; the {self.received} events before were read"
-                )
+                came = f"cut off: {rest} of {self._decoder.word_bytes} bytes of the last word came"
+                self._error = RecordingError(f"{self.name}: {came}; the {self.received} events before were read")
         except OSError as error:
             why = error.strerror or error
             self._error = RecordingError(f"{self.name}: broke off after {self.received} events: {why}")
@@ -264,10 +262,9 @@ class LiveSource(Feed):
     def _judge(self, taken, fewest):
         """Raise where too many of the events so far, once these are ``fewest``, lie outside the sensor."""
         if taken >= fewest and self.outside > MOST_OUTSIDE * taken:
-            raise RecordingError(
-                f"{self.name}: {self.outside} of {taken} events lie outside the sensor of {self.width}×{self.height} "
-                f"px; up to {MOST_OUTSIDE:.0%} are left out and counted"
-            )
+            where = f"outside the sensor of {self.width}×{self.height} px"
+            allowed = f"up to {MOST_OUTSIDE:.0%} are left out and counted"
+            raise RecordingError(f"{self.name}: {self.outside} of {taken} events lie {where}; {allowed}")
 
     def extent(self):
         """How much will come is not known."""

@@ -205,20 +205,15 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
                 able = ", ".join(other.name for other in _FORMATS if name in other.options)
                 raise RecordingError(f"{path}: {fmt.name}; {name} can be told of {able} only")
             return fmt.open(path, time_unit=time_unit, sensor=sensor, **given)
-    if path.is_dir():
-        raise RecordingError(
-            f"{path}: a directory; a file is needed, a bag of ROS 2, or a folder of t.npy, xy.npy and p.npy"
-        )
     known = "; ".join(f"{fmt.name} ({', '.join(fmt.extensions)})" for fmt in _FORMATS)
-    if named := next((fmt for fmt in _FORMATS if path.suffix.lower() in fmt.extensions), None):
+    why = f"format not known; one of {known} is needed, or --format {', '.join(forms())} for what has no header"
+    if path.is_dir():
+        why = "a directory; a file is needed, a bag of ROS 2, or a folder of t.npy, xy.npy and p.npy"
+    elif named := next((fmt for fmt in _FORMATS if path.suffix.lower() in fmt.extensions), None):
         cure = f"--format {', '.join(named.forms)} reads it without a header; " if named.forms else ""
-        raise RecordingError(
-            f"{path}: named like {named.name}, but does not begin like it: {cure}or it is damaged, or of another "
-            f"format than {known}"
-        )
-    raise RecordingError(
-        f"{path}: format not known; one of {known} is needed, or --format {', '.join(forms())} for what has no header"
-    )
+        why = f"named like {named.name}, but does not begin like it: {cure}or it is damaged, or of another format than"
+        why += f" {known}"
+    raise RecordingError(f"{path}: {why}")
 
 
 def check_sensor(sensor, where):

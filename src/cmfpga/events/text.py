@@ -132,9 +132,8 @@ class TextRecording(StreamedRecording):
                         number, rest = number + block.count(b"\n"), b""
                     rest += after
                     if len(rest) > _MAX_LINE_BYTES:
-                        raise RecordingError(
-                            f"{self.name}, line {number}: more than {_MAX_LINE_BYTES} bytes; '{PLAIN.text}' is needed"
-                        )
+                        what = f"more than {_MAX_LINE_BYTES} bytes; '{PLAIN.text}' is needed"
+                        raise RecordingError(f"{self.name}, line {number}: {what}")
         except _READ_ERRORS as error:
             raise RecordingError(f"{self.name}, line {number} or later: cannot be read {why(error)}") from None
         if rest:

@@ -61,9 +61,8 @@ class Camera:
                 raise RuntimeError(chosen.error)
             self._device = driver.open(serial=chosen.serial, raw=words, iterator_timeout=_POLL_S)
         except RuntimeError as error:
-            raise RecordingError(
-                f"{self.name}: {model}: {error}; on Linux neuromorphic-drivers-install-udev-rules gives access"
-            ) from None
+            cure = "on Linux neuromorphic-drivers-install-udev-rules gives access"
+            raise RecordingError(f"{self.name}: {model}: {error}; {cure}") from None
         properties = self._device.properties()
         self.sensor, self._serial = (properties.width, properties.height), chosen.serial or serial
         self._lost = 0  # packets, of this connection

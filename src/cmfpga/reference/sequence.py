@@ -79,31 +79,19 @@ class RoiFollower:
 class Sequence(ABC):
     """Batches in, velocities and a moving ROI out: crop, take in, plan, ascend, follow.
 
-    ``pixel`` is as of :class:`RoiFollower`.
-
-    Attributes
-    ----------
-    v : tuple of numbers
-        Velocity of the last batch, the parameters of its motion; zero after a reset.
-    followed : bool
-        Whether ``v`` is that of an object that is being followed. A new ROI, a degenerate batch or a reset ends it.
-    doubtful : bool
-        Whether the last batch was flagged so.
-    follower : RoiFollower
-        Position of the ROI; the origin after a reset.
-    thinning : int or None
-        The factor that would have brought the last batch down to its target.
-    plan : tuple of ScheduleEntry
-        Iterations of the last batch.
+    ``pixel`` is as of :class:`RoiFollower`. ``plan`` has the iterations of the last batch.
     """
 
     def __init__(self, config, pixel):
         self.config = config
+        #: Velocity of the last batch, the parameters of its motion.
         self.v = (self.number(config.formats.v, 0),) * len(config.motion_model.names)
-        self.followed = self.doubtful = False
+        #: Whether ``v`` is that of an object that is being followed. A new ROI, a degenerate batch or a reset ends it.
+        self.followed = False
+        self.doubtful = False  #: whether the last batch was flagged so
         self.follower = RoiFollower(config, pixel)
         self.noise_filter = NoiseFilter(config)
-        self.thinning = None
+        self.thinning = None  #: the factor that would have brought the last batch down to its target
 
     def run(self, t, x, y, settings, *, cut=False):
         """Process all events of one batch, integer arrays [N]: :class:`BatchResult`.

@@ -199,9 +199,8 @@ def camera_fields(camera, source):
         found = Calibration(_camera(text, "camera"))
     sensor = source.width, source.height
     if found.size and source.width is not None and found.size != sensor:
-        raise ConfigError(
-            f"{camera}: a camera of {found.size[0]}×{found.size[1]} px; the sensor has {sensor[0]}×{sensor[1]} px"
-        )
+        sizes = ("{}×{} px".format(*size) for size in (found.size, sensor))
+        raise ConfigError("{}: a camera of {}; the sensor has {}".format(camera, *sizes))
     return {"undistortion": "on", "camera": found.camera.text}
 
 

@@ -70,38 +70,21 @@ _HALF_EVENTS = 100  # of the ROI: fewer in one half tell nothing
 
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
-    """An ROI, and batches in which its image moves by about 4 px per half batch.
+    """An ROI, and batches in which its image moves by about 4 px per half batch."""
 
-    Parameters
-    ----------
-    roi : (int, int)
-        Left column and top row, px.
-    start_event : int
-        Where the motion was measured: first event of the first batch.
-    batch_events, roi_events, batch_us : int
-        Events of the whole sensor; of them, in the ROI; what they last there, µs.
-    v, px_per_s : (float, float)
-        Measured velocity, px per half batch; the same, px/s.
-    gain, clarity : float
-        How much sharper the image is at v than at v = 0, and how clear its peak is; see :func:`estimate`.
-    apart : float
-        How far the velocities of the ROI's left, right, upper and lower half are from that of the whole, in the median,
-        px per half batch. Where two motions or depths are in the ROI the contrast's peak is a blend of them.
-    fields : dict
-        Fields of the configuration that these batches need.
-    """
-
-    roi: tuple[int, int]
-    start_event: int
-    batch_events: int
-    batch_us: int
-    roi_events: int
-    v: tuple[float, float]
+    roi: tuple[int, int]  # left column and top row, px
+    start_event: int  # where the motion was measured: first event of the first batch
+    batch_events: int  # of the whole sensor
+    batch_us: int  # what they last there, µs
+    roi_events: int  # of them, in the ROI
+    v: tuple[float, float]  # measured velocity, px per half batch
     px_per_s: tuple[float, float]
-    gain: float
+    gain: float  # of the contrast at v, and how clear its peak is; see `estimate`
     clarity: float
+    #: How far the velocities of the ROI's left, right, upper and lower half are from that of the whole, in the median,
+    #: px per half batch. Where two motions or depths are in the ROI the contrast's peak is a blend of them.
     apart: float = 0.0
-    fields: dict = field(default_factory=dict)
+    fields: dict = field(default_factory=dict)  # of the configuration, that these batches need
 
     def suited(self, config, given):
         """``config`` with the fields that these batches need, but for those whose names are in ``given``."""
@@ -297,8 +280,6 @@ def require(proposals, count, recording):
     """``proposals``, if there are ``count``; otherwise :exc:`ConfigError`, in one line."""
     if len(proposals) < count:
         what = "nothing moves" if not proposals else f"only {len(proposals)} of {count} objects move"
-        raise ConfigError(
-            f"{recording.name}: --roi auto: {what} clearly and far enough ({TARGET_PX:g} px in half of a batch); "
-            "--roi X,Y is needed"
-        )
+        far = f"clearly and far enough ({TARGET_PX:g} px in half of a batch)"
+        raise ConfigError(f"{recording.name}: --roi auto: {what} {far}; --roi X,Y is needed")
     return proposals

@@ -30,32 +30,21 @@ def _counts(rows, columns):
 
 
 class Survey:
-    """Statistics of a recording, collected chunk by chunk.
-
-    Attributes
-    ----------
-    events, on_events : int
-    t_first, t_last : int
-        µs.
-    counts : int64 [rows, columns]
-        Events per pixel. As large as the sensor, or, where nobody tells it, as the coordinates that occurred.
-    bin_us : int
-        Width of the bins of ``rate``, µs.
-    """
+    """Statistics of a recording, collected chunk by chunk."""
 
     def __init__(self, width=None, height=None):
         self.events = self.on_events = 0
-        self.t_first = self.t_last = None
+        self.t_first = self.t_last = None  #: µs
+        #: Events per pixel. As large as the sensor, or, where nobody tells it, as the coordinates that occurred.
         self.counts = _counts(height or 1, width or 1)
-        self.bin_us = 1
+        self.bin_us = 1  #: width of the bins of :meth:`rate`, µs
         self._bins = np.zeros(_MAX_BINS, np.int64)
 
     def add(self, events):
         """Take the next :class:`Events`."""
         if not len(events):
             return
-        if self.t_first is None:
-            self.t_first = int(events.t[0])
+        self.t_first = int(events.t[0]) if self.t_first is None else self.t_first
         self.t_last = int(events.t[-1])
         self.events += len(events)
         self.on_events += int(events.p.sum())
@@ -64,8 +53,7 @@ class Survey:
             larger = _counts(*np.maximum(self.counts.shape, (rows, columns)).tolist())
             larger[: self.counts.shape[0], : self.counts.shape[1]] = self.counts
             self.counts = larger
-        width = self.counts.shape[1]
-        where = events.y.astype(np.int64) * width + events.x
+        where = events.y.astype(np.int64) * self.counts.shape[1] + events.x
         self.counts += np.bincount(where, minlength=self.counts.size).reshape(self.counts.shape)
         while (self.t_last - self.t_first) // self.bin_us >= _MAX_BINS:
             self._bins = np.concatenate([self._bins.reshape(-1, 2).sum(axis=1), np.zeros(_MAX_BINS // 2, np.int64)])

@@ -49,22 +49,12 @@ class IntegerIteration:
 
 
 class IntegerCore(Sequence):
-    """The core's state between batches, and how a batch changes it, in raw integers.
-
-    See :class:`~cmfpga.reference.sequence.Sequence` for parameters and the other attributes.
-
-    Attributes
-    ----------
-    dt : int64 tensor
-        Scaled times of the last batch's ROI events.
-    iterations : list of IntegerIteration
-        Intermediates of the last batch, where ``run`` was asked to keep them.
-    """
+    """The core's state between batches, and how a batch changes it, in raw integers."""
 
     def __init__(self, config):
         super().__init__(config, 1 << config.formats.roi_x.f)
-        self.dt = None
-        self.iterations = []
+        self.dt = None  #: scaled times of the last batch's ROI events, int64 tensor
+        self.iterations = []  #: :class:`IntegerIteration` each, of the last batch, where ``run`` was asked to keep them
         self._keep = False
 
     def run(self, t, x, y, settings, *, cut=False, keep=False):

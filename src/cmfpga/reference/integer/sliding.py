@@ -55,25 +55,17 @@ class Sliding:
     are new, and ``late`` come after the unit's end. The other counts are those of the hop.
 
     ``settings.roi`` is where the first ROI lies, by default at 0, 0.
-
-    Attributes
-    ----------
-    core : IntegerCore
-        Ascends; of what it keeps between batches only v is used.
-    crop : pair of int
-        Left column and top row of the ROI that events must lie in now.
-    window : three int64 arrays
-        Times, columns and rows of the stored events from the window's first on.
-    begin, end : int
-        Numbers of the window's first event, and of the one after its last so far.
     """
 
     def __init__(self, config, settings):
-        self.config, self.settings, self.core = config, settings, IntegerCore(config)
+        self.config, self.settings = config, settings
+        self.core = IntegerCore(config)  #: ascends; of what it keeps between batches only v is used
         check_lengths(config, settings)
         self._oldest = settings.window_us or 1 << (config.span_bits - 1)
+        #: Times, columns and rows of the stored events from the window's first on.
         self.window = tuple(np.zeros(0, np.int64) for _ in range(3))
-        self.begin = self.end = self._origin = 0  # b, e, and the event with which the dither began
+        #: b; e, that of the one after its last so far; and the event with which the dither began.
+        self.begin = self.end = self._origin = 0
         self._last_end, self._hop = 0, (settings.hop_events, settings.hop_us)  # e(k−1); limits of the hop under way
         self._counts = collections.Counter()  # of the hop's events
         self._closed = self._latest = self._renewed = None  # T; the latest event's time; T after a degenerate window
@@ -84,7 +76,7 @@ class Sliding:
         self._limits = tuple(axis << self._frac for axis in (config.geometry.roi_x_max, config.geometry.roi_y_max))
         corner, self._limited = clamp_roi(config, settings.roi or (0, 0))
         self._corner = tuple(at << self._frac for at in corner)
-        self.crop = self._next_crop = corner
+        self.crop = self._next_crop = corner  #: left column and top row of the ROI that events must lie in now
 
     def take_lengths(self, settings):
         """Take over how long windows are from now on; the hop under way keeps its own length."""
