@@ -41,10 +41,7 @@ class Q:
         return 2.0**-self.f
 
     def raw(self, value):
-        """Raw integer nearest to the real number ``value`` (half up).
-
-        Raises :exc:`OverflowError` where ``value`` does not fit: a constant that silently saturates is a defect.
-        """
+        """Raw integer nearest to the real number ``value`` (half up); :exc:`OverflowError` where it does not fit."""
         raw = math.floor(value * (1 << self.f) + 0.5)
         if not self.min <= raw <= self.max:
             raise OverflowError(f"{value} does not fit {self} ({self.real(self.min)} to {self.real(self.max)})")

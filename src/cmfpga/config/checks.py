@@ -190,10 +190,7 @@ def _check_widths(config):
 
 
 def parse_pixels(text, config):
-    """The pixels of ``x,y;x,y;…``: tuple of (column, row), sorted, each once.
-
-    Raises :exc:`ConfigError` where the text is malformed, or a pixel lies outside the sensor.
-    """
+    """Pixels of ``x,y;x,y;…``: tuple of (column, row), sorted, each once, on the sensor; or :exc:`ConfigError`."""
     found = set()
     for word in filter(None, text.replace(" ", "").split(";")):
         column, comma, row = word.partition(",")

@@ -28,10 +28,7 @@ class EventChecker:
         self.next_event, self._last_t, self._off = first_event, None, highest_off
 
     def __call__(self, t, x, y, p):
-        """``(t, x, y, p)`` of the next chunk, as :class:`Events` keep them; t is int64, µs.
-
-        Raises :exc:`RecordingError` where a time stamp is lower than the one before, also across chunks.
-        """
+        """``(t, x, y, p)`` of the next chunk, t int64, µs; :exc:`RecordingError` where the time falls."""
         before = np.concatenate([t[:1] if self._last_t is None else [self._last_t], t[:-1]])
         never = "of the event before; it must never decrease"
         self._refuse("time stamp", t < before, lambda k: f"{t[k]} µs, after {before[k]} µs {never}")

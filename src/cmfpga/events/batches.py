@@ -174,10 +174,7 @@ class BatchCutter:
                 return self._batch(cut_short)
 
     def piece(self):
-        """What has come next, up to a multiple of :data:`PIECE_EVENTS`; None at the end, or :data:`WAITING`.
-
-        Instead of :meth:`next`: nothing waits for a batch to be complete.
-        """
+        """Events that have come, up to a multiple of :data:`PIECE_EVENTS`; None at the end, or :data:`WAITING`."""
         rest = self._rest(0)
         if rest is None or rest is WAITING:
             return rest

@@ -78,10 +78,7 @@ class Recording(abc.ABC):
             raise RecordingError(f"{self.name}: the recording is closed")
 
     def extent(self):
-        """``(number of events, time of the last one in µs)`` where that is known soon; otherwise None.
-
-        Raises :exc:`RecordingError` if the last event cannot be read.
-        """
+        """``(number of events, time of the last one in µs)`` where that is known soon; otherwise None."""
         if not self.num_events:
             return None
         (last,) = self.chunks(self.num_events - 1)

@@ -54,10 +54,7 @@ _BY_SPELLING = {spelling: unit for unit, spellings in _SPELLINGS.items() for spe
 
 
 def parse_unit(text, where):
-    """One of ``TIME_UNITS`` for a unit as people write it (``"us"``, ``"µs"``, ``"microseconds"``, …).
-
-    Raises :exc:`RecordingError`, which starts with ``where``, for anything else.
-    """
+    """One of ``TIME_UNITS`` for a unit as people write it; :exc:`RecordingError` for anything else."""
     if isinstance(text, bytes):
         text = text.decode("utf-8", "replace")
     unit = find_unit(text) if isinstance(text, str) else None

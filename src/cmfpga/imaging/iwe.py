@@ -106,10 +106,7 @@ def gain(config, x, y, dt, v, roi):
 
 
 def contrast(config, events, roi, v, **which):
-    """Population variance of the image of warped events (Eq. C), in squared events per pixel.
-
-    ``which`` events: ``thinned``, ``dropped``, as of :func:`scaled_roi_events`.
-    """
+    """Contrast (Eq. C), squared events per pixel; ``which`` events: as of :func:`scaled_roi_events`."""
     x, y, dt = scaled_roi_events(config, events, roi, **which)
     v = flow(config, v, x, y, roi)
     return float(image_of_warped_events(x, y, dt, v, width=config.roi_width, height=config.roi_height).var())

@@ -120,10 +120,7 @@ def is_sure(outcome):
 
 
 def is_trustworthy(config, outcome):
-    """Whether a batch :func:`is_sure`, and not ``SHORT`` with a bias that :data:`COVERED` and uncertainty do not cover.
-
-    A short motion beyond translation is never trusted.
-    """
+    """Whether a batch :func:`is_sure`, and not ``SHORT`` with a bias beyond :data:`COVERED` and its uncertainty."""
     if not is_sure(outcome) or Flag.SHORT not in outcome.flags:
         return is_sure(outcome)
     found = uncertainty(config, outcome)
@@ -205,10 +202,7 @@ def covariance(config, outcome):
 
 
 def deviations(config, outcome):
-    """Standard deviation of each parameter of v, px per half batch; None of a batch that is not sure.
-
-    Beyond translation all have that of the parameter that is known worst.
-    """
+    """Standard deviation of each parameter of v, px per half batch, beyond translation the worst; None if not sure."""
     if not is_sure(outcome):
         return None
     if config.motion_model.basis:

@@ -83,10 +83,7 @@ def squares_shape(config):
 
 
 def curvature_shape(config):
-    """How far the gradient falls between the probes: along x, along y, and crosswise.
-
-    In a motion beyond translation: along the parameter along which it falls the least.
-    """
+    """Falls of the gradient between the probes: along x, y, crosswise; beyond translation the least one."""
     fraction, names = config.widths.s_frac, ("least",) if config.motion_model.basis else ("xx", "yy", "cross")
     return dict.fromkeys(names, Q(config.widths.curvature_bits - 1 - fraction, fraction))
 
@@ -227,10 +224,7 @@ COUNTS = tuple(f.name for f in RESULTS if f.counts and f.when is always)
 
 
 def fields_of(*scopes, config=None):
-    """The fields of some scopes, in order: those of the core are ``fields_of("batch", "region")``.
-
-    With ``config``, only those that its hardware has.
-    """
+    """The fields of some scopes, in order (the core's are batch and region); with ``config`` those it has."""
     return tuple(f for f in RESULTS if f.scope in scopes and (config is None or f.when(config)))
 
 

@@ -297,10 +297,7 @@ def schedule_table(config, settings):
 
 
 def schedule_highest(config):
-    """The largest number that each part of an entry of the hardware's table of schedules may have, by name.
-
-    See :func:`table_entry`.
-    """
+    """``{part: largest number}`` of an entry of the hardware's table of schedules: see :func:`table_entry`."""
     largest = config.formats.v.width - 2
     if config.ascent_rule.evaluations > 1:
         return {"level": config.max_level, "distance": len(DISTANCES) - 1, "limit": 2 * largest}

@@ -107,10 +107,7 @@ class FloatCore(Sequence):
         return fmt.real(raw)
 
     def place(self, batch):
-        """``(x, y, dt)`` of the events of a :class:`~.ingest.TakenIn`, dithered and scaled: three float64 [n].
-
-        Undistorted positions are those that the hardware stores.
-        """
+        """``(x, y, dt)`` of a :class:`~.ingest.TakenIn`, dithered and scaled: three float64 [n]."""
         x, y = (float64(axis) * 2.0**-self.config.formats.event_frac for axis in (batch.x, batch.y))
         if self.config.dither_frac:
             x, y = (axis + offset for axis, offset in zip((x, y), dither(len(x)), strict=True))

@@ -30,10 +30,7 @@ class TakenIn(NamedTuple):
 
 
 def to_buffer(config, events, factor):
-    """One in ``factor`` of the ``events`` (three tensors) as far as they fit: they, and what is counted.
-
-    ``factor`` is doubled until they fit a buffer that thins out.
-    """
+    """One in ``factor`` of the ``events``, doubled until they fit if the buffer thins out; and what is counted."""
     found = len(events[0])
     while thins(config) and -(-found // factor) > config.buffer_events:
         factor *= 2

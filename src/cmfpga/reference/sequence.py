@@ -94,10 +94,7 @@ class Sequence(ABC):
         self.thinning = None  #: the factor that would have brought the last batch down to its target
 
     def run(self, t, x, y, settings, *, cut=False):
-        """Process all events of one batch, integer arrays [N]: :class:`BatchResult`.
-
-        ``cut``: the batch ended because it reached ``max_batch_events``.
-        """
+        """Process one batch, integer arrays [N]: :class:`BatchResult`. ``cut``: it reached ``max_batch_events``."""
         rule = self.config.ascent_rule
         roi, limited = self.follower.crop(settings.roi)
         dropped = self.noise_filter.judge(t, x, y, settings)

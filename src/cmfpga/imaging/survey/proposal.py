@@ -266,10 +266,7 @@ def _confirmed(window, place, duration, measured, config):
 
 
 def survey_and_propose(recording, config, *, count=1, start_event=None):
-    """What ``--roi auto`` takes: ``count`` proposals of :func:`propose`, after a :class:`Survey` of all events.
-
-    Raises :exc:`ConfigError` where there are fewer, or the events cannot be read twice.
-    """
+    """:func:`propose` after a survey; :exc:`ConfigError` for fewer proposals, or events that come once."""
     survey = surveyed(recording, "--roi auto", "--roi X,Y is needed")
     with waiting("Looking for motion") as bar:
         found = propose(recording, survey, config, count=count, start_event=start_event, tick=bar.update)

@@ -89,10 +89,7 @@ class Survey:
 
 
 def hot_mask(recording):
-    """The hot pixels of a recording as the field ``hot_mask`` of a :class:`~cmfpga.config.Config` has them.
-
-    Raises :exc:`ConfigError` where the events cannot be read twice.
-    """
+    """A recording's hot pixels as ``Config.hot_mask``; :exc:`ConfigError` where its events cannot be read twice."""
     return pixels_text(surveyed(recording, "hot pixels: auto", "say which pixels are hot").hot_pixels())
 
 
@@ -144,10 +141,7 @@ def pixels_text(pixels):
 
 
 def survey_all(recording):
-    """``(survey, error)``: of all events that can be read, with a bar; and what the recording breaks off with, or None.
-
-    A whole recording is read once.
-    """
+    """``(survey, error)``: of all events that can be read, once; and what the recording breaks off with, or None."""
     if recording in _SURVEYS:
         return _SURVEYS[recording], None
     survey = Survey(recording.width, recording.height)

@@ -51,10 +51,7 @@ def check(config):
 
 
 def register_map(config):
-    """The registers for a configuration: a :class:`~cmfpga.protocol.registers.layout.RegisterMap`.
-
-    Only the hardware fields of ``config`` matter. Raises :exc:`ConfigError` where :func:`check` does.
-    """
+    """The :class:`RegisterMap` of a configuration's hardware fields; :exc:`ConfigError` as of :func:`check`."""
     check(config)
     scratch = ("SCRATCH", "for bring-up; nothing else uses it", [stored("VALUE", 0, 32, "any")])
     return RegisterMap((

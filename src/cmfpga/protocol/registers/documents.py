@@ -151,10 +151,7 @@ def has_peakrdl():
 
 
 def write_documents(registers, title, folder, settings=()):
-    """Write ``registers.rdl`` and ``.md``, ``regs.tcl``, ``cmfpga_registers.h``, with PeakRDL :data:`BY_PEAKRDL`.
-
-    Returns their paths.
-    """
+    """Paths of the documents written: of our own, and, with PeakRDL, of :data:`BY_PEAKRDL`."""
     texts = {
         "registers.rdl": systemrdl(registers, title),
         "registers.md": f"# Registers\n\n{title}\n\n{markdown(registers)}",

@@ -106,13 +106,7 @@ class Register:
 
 @dataclass(frozen=True)
 class RegisterMap:
-    """All registers, in order of their offsets.
-
-    Raises
-    ------
-    ValueError
-        Names, offsets or bits are used twice, or do not fit.
-    """
+    """All registers, in order of their offsets. :exc:`ValueError` where names, offsets or bits are used twice."""
 
     registers: tuple
     #: Bytes that the map takes up; a power of two.

@@ -18,10 +18,7 @@ class NoiseFilter:
         self._latest, self._pixel, self._other = (np.full(cells, -1, np.int64) for _ in range(3))
 
     def judge(self, t, x, y, settings):
-        """``(hot, noise)`` of a batch's events, in their order: two bool [n]; no event is both.
-
-        ``t``, µs, ``x`` and ``y``, sensor columns and rows, are integer arrays [n].
-        """
+        """``(hot, noise)`` of events at sensor columns ``x`` and rows ``y``: two bool [n]; no event is both."""
         t, x, y = (np.asarray(axis).astype(np.int64) for axis in (t, x, y))
         hot, noise = np.zeros((2, len(t)), bool)
         config = self.config
