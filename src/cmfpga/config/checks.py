@@ -17,7 +17,8 @@ CAMERA_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 def check_field(config, field, value):
     """A field's type, range or choices; a value that is as good in its own type becomes that."""
     choices, low, high = (field.metadata[name] for name in ("choices", "low", "high"))
-    fits = isinstance(value, str) if field.type is str else _is(field.type, value)
+    kind = {int: numbers.Integral, float: numbers.Real, str: str}[field.type]  # NumPy's numbers, too
+    fits = isinstance(value, kind) and not isinstance(value, bool)
     needed = None
     if choices:
         needed = None if fits and value in choices else f"one of {', '.join(map(str, choices))}"
@@ -28,11 +29,6 @@ def check_field(config, field, value):
     if needed:
         raise ConfigError(f"{field.name} = {value!r}: {needed} is needed")
     object.__setattr__(config, field.name, value if isinstance(value, int | float) else field.type(value))
-
-
-def _is(kind, value):
-    """Whether it is a number of this kind, NumPy's included."""
-    return isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
 
 
 def _refuse(config, name, needed):

@@ -182,8 +182,6 @@ class Config:
     # Memories
     ram_style: str = _field("auto", "kind of RAM of the banks", choices=RAM_STYLES)
 
-    # ---------------------------------------------------------------- validation
-
     def __post_init__(self):
         for field in dataclasses.fields(self):
             check_field(self, field, getattr(self, field.name))
@@ -191,8 +189,6 @@ class Config:
             if getattr(self, name) != self.__dataclass_fields__[name].default:
                 raise ConfigError(why)
         check_together(self)
-
-    # ---------------------------------------------------------------- construction
 
     def replace(self, **changes):
         """A copy with some fields changed; what its gradient or ascent does not read goes back to the default.
@@ -245,14 +241,13 @@ class Config:
         """Hexadecimal SHA-256 of the hardware fields: equal hash, equal Verilog."""
         return hashlib.sha256(json.dumps(self.hardware_fields, sort_keys=True).encode()).hexdigest()
 
-    # ---------------------------------------------------------------- what follows from the fields
-
     formats = cached_property(Formats)
     geometry = cached_property(Geometry)
     widths = cached_property(Widths)
     schedules = cached_property(Schedules)
     one_pass = cached_property(OnePass)
     store = cached_property(Regions)
+    motion_model = cached_property(motion_model)
 
     @cached_property
     def hot(self):
@@ -316,11 +311,6 @@ class Config:
     def image(self):
         """Which image ROI and v are in, for people: ``undistorted``; empty where it is what the sensor sees."""
         return "undistorted" if self.lens else ""
-
-    @cached_property
-    def motion_model(self):
-        """What ``motion`` stands for."""
-        return motion_model(self)
 
     @cached_property
     def ascent_rule(self):

@@ -134,10 +134,11 @@ class LiveSource(Feed):
                 size = sensor or raw_sensor(fields)
                 self.format, self._decoder = f"stream of EVT {version}", EvtDecoder(version, size)
                 self._times = TimeWords(version)
-        except BaseException as error:
+        except OSError as error:
             self.close()
-            if isinstance(error, OSError):
-                raise RecordingError(f"{name}: {error.strerror or error}") from None
+            raise RecordingError(f"{name}: {error.strerror or error}") from None
+        except BaseException:
+            self.close()
             raise
         super().__init__(sensor or size, name)
         self._thread = threading.Thread(target=self._run, args=(first,), daemon=True)

@@ -111,8 +111,6 @@ class TextRecording(StreamedRecording):
             values = np.fromiter((float(field) if _is_number(field) else np.nan for field in fields), float)
         return values.reshape(-1, self._fields.fields)
 
-    # ---------------------------------------------------------------- blocks, lines, columns
-
     def _blocks(self):
         """Yields ``(number of the first line, bytes of whole lines)``."""
         number = 1

@@ -253,9 +253,6 @@ def decode(config, values, *more):
     return found
 
 
-# ---------------------------------------------------------------- outcomes
-
-
 @dataclass(frozen=True, kw_only=True)
 class RegionOutcome(record("_RegionFields", __name__, fields_of("region"))):
     """What came of one region of interest in a batch: the fields of :data:`RESULTS` with the scope ``region``.
