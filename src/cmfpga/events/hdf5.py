@@ -267,13 +267,17 @@ class Hdf5Writer:
             return
         with self._errors():
             for name in NAMES:
-                # Small recordings keep small chunks; a chunk is never larger than the first piece.
-                column = self._file.get(f"events/{name}") or self._file.create_dataset(
-                    f"events/{name}", (0,), getattr(events, name).dtype, maxshape=(None,),
-                    chunks=(min(len(events), _STORED_CHUNK),), compression="gzip", shuffle=True,
-                )  # fmt: skip
+                values = getattr(events, name)
+                if not self._count:
+                    # Small recordings keep small chunks; a chunk is never larger than the first piece.
+                    self._file.create_dataset(
+                        f"events/{name}", data=values, maxshape=(None,), chunks=(min(len(values), _STORED_CHUNK),),
+                        compression="gzip", shuffle=True,
+                    )  # fmt: skip
+                    continue
+                column = self._file[f"events/{name}"]
                 column.resize(self._count + len(events), axis=0)
-                column[self._count :] = getattr(events, name)
+                column[self._count :] = values
             self._file["events/t"].attrs["unit"] = "microseconds"
         self._first = int(events.t[0]) if self._first is None else self._first
         self._last = int(events.t[-1])
