@@ -178,7 +178,7 @@ def test_a_lost_object():
     assert told[0] == verdict.share and told[1].startswith("Velocity ") and str(verdict).endswith("the ROI stayed.")
     assert verdict.title.splitlines()[0] == verdict.share and verdict.title.splitlines()[1] == verdict.velocity
     assert verdict.title.splitlines()[2].startswith(f"lost in batches {lost[0]} to {lost[-1]} (")
-    following = Verdict.of([batch.values for batch in batches], stays=0)
+    following = Verdict.of([batch.values for batch in batches], CONFIG.replace(cold_after_doubtful=0))
     assert following.warnings()[0].endswith("the ROI followed them all the same")
 
 

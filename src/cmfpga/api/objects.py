@@ -135,8 +135,7 @@ class TrackedObject:
     @property
     def verdict(self):
         """Of the batches so far."""
-        flags, of = [Flag(one) for one in self.flags], self.config
-        return Verdict(lambda name: np.array(self.numbers[name]), flags, of.motion, of.roi_stays, of.slides, of.pixel)
+        return Verdict(lambda name: np.array(self.numbers[name]), [*map(Flag, self.flags)], self.config)
 
     @property
     def dropped_text(self):

@@ -87,8 +87,7 @@ class Tracking:
     @property
     def verdict(self):
         """:class:`~cmfpga.tracking.verdict.Verdict`: velocity, trusted batches, where the object was lost; remarks."""
-        of = self.config
-        return Verdict.of(self._values, of.motion, of.roi_stays, of.slides, of.pixel)
+        return Verdict.of(self._values, self.config)
 
     @property
     def covariance(self):

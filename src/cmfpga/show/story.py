@@ -89,8 +89,7 @@ class Story:
     @functools.cached_property
     def verdict(self):
         """How far the batches are to be trusted."""
-        config = self.kept.config
-        return Verdict(self.kept.numbers, self.flags, config.motion, config.roi_stays, config.slides, config.pixel)
+        return Verdict(self.kept.numbers, self.flags, self.kept.config)
 
     @property
     def lead(self):

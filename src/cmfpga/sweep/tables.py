@@ -109,8 +109,7 @@ def summary(row, outcome):
         return {"status": "failed", "reason": outcome["reason"]}
     batches = outcome["batches"]
     flags = [batch["flags"].split("|") if batch["flags"] else [] for batch in batches]
-    config = row.task.config
-    verdict = Verdict.of(batches, config.motion, config.roi_stays, config.slides, config.pixel)
+    verdict = Verdict.of(batches, row.task.config)
     degenerate = sum("degenerate" in names for names in flags)
     status, reason, speeds = "ok", None, ("vx_px_per_s", "vy_px_per_s", *MORE)
     if degenerate == len(batches):

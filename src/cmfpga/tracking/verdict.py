@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 
+from ..config import Config
 from ..imaging.camera import RATES
 from ..protocol.confidence import OVERESTIMATED, SHORT_PX
 from ..protocol.flags import Flag
@@ -23,6 +24,7 @@ _TOLD = {
 }
 
 _RUNS = 3  # that are told one by one
+_USUAL = Config()
 
 
 def judged_columns(motion, slides):
@@ -43,12 +45,11 @@ class Verdict:
         ``numbers(name)``: a column of ``track.csv``, float64 [batches]; NaN where it is empty.
     flags : list of Flag
         Of each batch.
-    motion, stays, slides, pixel
-        ``motion``, ``roi_stays``, ``slides`` and ``pixel`` of ``Config``.
+    config : Config
     """
 
-    def __init__(self, numbers, flags, motion="translation", stays=1, slides=False, pixel=1):
-        self.one, self.many = ("window", "windows") if slides else ("batch", "batches")
+    def __init__(self, numbers, flags, config=_USUAL):
+        self.config, self.one, self.many = config, config.noun, config.nouns
         self.judged = ~np.isnan(numbers("confidence"))  # bool [batches], as the next: whose confidence was measured
         measured = ~np.isnan(numbers("vx_px_per_s"))
         self.trusted = numbers("trusted") > 0
@@ -61,29 +62,29 @@ class Verdict:
         size = np.hypot(numbers("vx"), numbers("vy"))
         used = self.trusted if self.judged.any() else measured
         self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]  # px/s
-        self.motion, self._stays, self._pixel = motion, stays, pixel
-        self.rates = {name: numbers(name)[used] for name in RATES[motion]}  # float64 [used]; NaN where there is none
+        #: float64 [used]; NaN where there is none.
+        self.rates = {name: numbers(name)[used] for name in RATES[config.motion]}
         #: Which were judged and move so little that v is found too large.
         self.short = np.array([Flag.SHORT in flag for flag in flags], bool) & self.judged
-        self._least = size[self.short].min(initial=np.inf) / pixel
+        self._least = size[self.short].min(initial=np.inf) / config.pixel
         #: Standard deviation of one batch in physical units, in the median; None where there is none.
-        self.spreads = {name: _extent(numbers(f"{name}_sd")[used])[1] for name in DEVIATIONS[motion]}
+        self.spreads = {name: _extent(numbers(f"{name}_sd")[used])[1] for name in DEVIATIONS[config.motion]}
         _, self.px, _ = _extent(size[used if used.any() else measured])  # |v|, px per half batch, in the median
         self._times = numbers("t_ref_us")
-        self._lengths = numbers("window_us") if slides else None
+        self._lengths = numbers("window_us") if config.slides else None
         #: First and last batch of each stretch of :data:`~cmfpga.tracking.fit.LOST_BATCHES` or more, all of them
         #: doubtful; of windows that overlap, of so many of their lengths. Empty where the confidence was not measured.
         self.lost = self._lost() if self.judged.any() else []
 
     @classmethod
-    def of(cls, values, motion="translation", stays=1, slides=False, pixel=1):
+    def of(cls, values, config=_USUAL):
         """Of a list of :attr:`TrackedBatch.values <cmfpga.tracking.loop.TrackedBatch.values>`."""
-        declared = columns(motion, slides)
+        declared = columns(config.motion, config.slides)
 
         def numbers(name):
             return declared[name].array([batch[name] for batch in values]).astype(np.float64)
 
-        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion, stays, slides, pixel)
+        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], config)
 
     def _with_spread(self, value, name, form):
         """A value, and after it its standard deviation, in words."""
@@ -124,7 +125,7 @@ class Verdict:
             return ""
         low, median, high = self.px_per_s
         vx, vy = np.median(self.speeds, axis=0)
-        where = " at the principal point" * (self.motion == "rotation")
+        where = " at the principal point" * (self.config.motion == "rotation")
         return (
             f"velocity{where} {median:,.0f} px/s in the median, {low:,.0f} to {high:,.0f} "
             f"(vx {self._with_spread(vx, 'vx_px_per_s', ',.0f')}, vy {self._with_spread(vy, 'vy_px_per_s', ',.0f')}); "
@@ -145,7 +146,9 @@ class Verdict:
     @property
     def motion_text(self):
         """The motion beside the velocity, in physical units, in words; empty where there is none."""
-        shown = [f"{title} {found}" for name, title, unit in _TOLD[self.motion] if (found := self._told(name, unit))]
+        shown = [
+            f"{title} {found}" for name, title, unit in _TOLD[self.config.motion] if (found := self._told(name, unit))
+        ]
         if self.time_to_contact:
             shown.append(f"time to contact {self.time_to_contact:.3g} s at this zoom")
         return "; ".join(shown)
@@ -167,7 +170,7 @@ class Verdict:
         if not self.lost:
             return []
         then = "the ROI followed them all the same"
-        if self._stays:
+        if self.config.roi_stays:
             then = f"each next batch started cold, and after {LOST_BATCHES} of them the ROI stayed"
         return [f"the object was lost in {self._when_lost}: none of these is to be trusted; {then}"]
 
@@ -184,9 +187,9 @@ class Verdict:
 
     @property
     def _short_text(self):
-        least = self._pixel * SHORT_PX
+        least = self.config.pixel * SHORT_PX
         what = f"short: {self.short.sum()} of {len(self.short)} {self.many} move by less than {least:g} px per half"
-        if self.motion != "translation":
+        if self.config.motion != "translation":
             return f"{what} {self.one} at the edge, are overestimated, and not to be trusted"
         most = next((share for limit, share in OVERESTIMATED if self._least < limit), 0.0)
         trusted = int((self.short & self.trusted).sum())
@@ -203,7 +206,7 @@ class Verdict:
                 f"{doubled} of {len(self.trusted)} {self.many} look as if two motions were in the ROI, or a turn or "
                 "dense texture: v may be neither's"
             )
-        if self.px is not None and self.px < (still := self._pixel * STILL_PX):
+        if self.px is not None and self.px < (still := self.config.pixel * STILL_PX):
             found.append(
                 f"what moves by less than {still:g} px stands still, or it is hot pixels that are seen to stand "
                 "still: info tells where there are some, --hot-pixels auto drops them"
@@ -211,7 +214,7 @@ class Verdict:
         if not fitted and (found or self.trusted.mean() < 0.5 or self.short.mean() > 0.5):
             found.append(
                 "without a batch option, batches are as long as suits the motion: "
-                f"{3 * self._pixel} to {5 * self._pixel} px per half batch"
+                f"{3 * self.config.pixel} to {5 * self.config.pixel} px per half batch"
             )
         return found
 
@@ -219,7 +222,8 @@ class Verdict:
         """The same, JSON-ready."""
         judged = self.judged.any()
         vx, vy = np.median(self.speeds, axis=0).tolist() if len(self.speeds) else (None, None)
-        extents = {"px_per_s": np.hypot(*self.speeds.T), **{name: self.rates[name] for name, *_ in _TOLD[self.motion]}}
+        motion = self.config.motion
+        extents = {"px_per_s": np.hypot(*self.speeds.T), **{name: self.rates[name] for name, *_ in _TOLD[motion]}}
         ambiguous = {one.name.lower(): count for one, count in self.ambiguous.items()}
         return {
             "trusted_batches": int(self.trusted.sum()) if judged else None,
@@ -231,7 +235,7 @@ class Verdict:
             "vy_px_per_s": vy,
             "standard_deviation": self.spreads,
             **{k: dict(zip(("lowest", "median", "highest"), _extent(v), strict=True)) for k, v in extents.items()},
-            **({"time_to_contact_s": self.time_to_contact} if self.motion == "similarity" else {}),
+            **({"time_to_contact_s": self.time_to_contact} if motion == "similarity" else {}),
         }
 
 
