@@ -8,7 +8,6 @@ import shlex
 import statistics
 from dataclasses import asdict
 
-import h5py
 import numpy as np
 from tqdm import tqdm
 
@@ -16,14 +15,14 @@ from .. import cli
 from ..engines import make_engine
 from ..errors import ConfigError, needs
 from ..events import BatchCutter, open_recording
-from ..imaging.camera import calibration_of, extent
+from ..imaging.camera import extent
 from ..imaging.survey import propose, survey_all
 from ..imaging.survey.statistics import pixels_text, shown
 from ..protocol.settings import BatchSettings
 from ..reference.integer.filters import NoiseFilter
 from ..show.gallery import draw_survey, survey_lines
 from ..tracking.loop import track
-from ..tracking.source import likely_sensor
+from ..tracking.source import likely_sensor, own_calibration
 from ..waiting import waiting
 
 EXAMPLES = (
@@ -39,7 +38,6 @@ _NOISE_EVENTS = 1_000_000  # of which noise_shares are measured
 
 
 def parser():
-    """Parser of the arguments of ``cmfpga info``."""
     made = cli.parser("cmfpga info", "Say what a recording holds, and propose an ROI and batches for it.", EXAMPLES)
     cli.files(made.add_argument("recording", metavar="RECORDING", help="a file of any known format"))
     text = "propose for event K on (default: for the begin, or else the first place where something moves clearly)"
@@ -58,7 +56,6 @@ def parser():
 
 
 def main(arguments=None):
-    """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
     with cli.noted(open_recording(options.recording, **cli.reading(options))) as recording:
         survey, broken = survey_all(recording)
@@ -135,13 +132,10 @@ def _command(options, proposal, recording, config):
 
 def camera_of(path):
     """The calibration that an HDF5 file holds, JSON-ready, or why it cannot be read; None without one."""
-    if not h5py.is_hdf5(path):
-        return None
-    with h5py.File(path, "r") as file:
-        try:
-            found = calibration_of(file, path)
-        except ConfigError as error:
-            return {"error": str(error)}
+    try:
+        found = own_calibration(path)
+    except ConfigError as error:
+        return {"error": str(error)}
     return found and {"text": str(found.camera), **asdict(found.camera)}
 
 

@@ -4,10 +4,8 @@ import argparse
 import json
 
 from .. import cli
-from ..config.checks import parse_camera
 from ..errors import ConfigError
-from ..imaging.camera import Camera
-from ..tracking.source import own_camera
+from ..tracking.source import own_calibration
 from ..truth import FIELD, REACH_S, WRONG_PX, Accuracy, read_known
 
 
@@ -73,10 +71,9 @@ def check_times(known, recording, options):
 
 def accuracy_of(options, known, config, recording):
     """An :class:`~cmfpga.truth.Accuracy` of an object."""
-    fields = {} if config.lens else own_camera(recording)
-    camera = Camera(*parse_camera(fields["camera"])) if fields else None
+    own = None if config.lens else own_calibration(getattr(recording, "path", None))
     delay = None if options.delay == "auto" else options.delay
-    return Accuracy(known, config, camera=camera, delay=delay, depth=options.depth)
+    return Accuracy(known, config, camera=own and own.camera, delay=delay, depth=options.depth)
 
 
 def print_accuracy(found, files, as_json, what="batch"):

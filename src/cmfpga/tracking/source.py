@@ -139,13 +139,17 @@ def binning_note(config, given):
     )
 
 
+def own_calibration(path):
+    """The :class:`~cmfpga.imaging.camera.Calibration` that a recording's file itself holds; None without one."""
+    if path is None or not h5py.is_hdf5(path):
+        return None
+    with h5py.File(path) as file:
+        return calibration_of(file, path)
+
+
 def own_camera(source):
     """The fields that undistort by the calibration that a recording itself holds; none without one."""
-    path = getattr(source, "path", None)
-    if path is None or not h5py.is_hdf5(path):
-        return {}
-    with h5py.File(path) as file:
-        calibration = calibration_of(file, path)
+    calibration = own_calibration(getattr(source, "path", None))
     return camera_fields(calibration, source) if calibration else {}
 
 
