@@ -3,6 +3,7 @@
 import math
 from array import array
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -11,9 +12,9 @@ from ..imaging.camera import Camera
 from ..protocol.flags import Flag
 from ..show.export import exported
 from ..show.gallery import Gallery
+from ..tracking.columns import columns, csv_writer
 from ..tracking.fit import FittedCutter
 from ..tracking.kept import Kept
-from ..tracking.loop import CsvConsumer
 from ..tracking.verdict import Verdict, judged_columns
 
 
@@ -73,23 +74,24 @@ class TrackedObject:
         """
         if pictures:
             gallery = Gallery(self.config, recording, motion)
-            self.consumers.append(gallery)
 
-            def write(one):
+            def draw(one):
                 for path in pictures:
                     gallery.save(one._file(path.parent, path.stem, path.suffix), verdict=one.verdict.title)
 
-            self._writers.append(write)
+            self._later(gallery, draw)
         if report_mhz is not None:
             from ..show.report import check_config, plotly_script, write_page
 
             check_config(self.config)
             plotly_script()  # if it is missing, that is told before the work
             kept = Kept(self.config, engine, recording, motion)
-            self._later(kept, lambda one: kept.save(one._file(folder, "track", ".npz")))
-            self._writers.append(
-                lambda one: write_page(kept, one._file(folder, "report", ".html"), clock_mhz=report_mhz)
-            )
+
+            def report(one):
+                kept.save(one._file(folder, "track", ".npz"))
+                write_page(kept, one._file(folder, "report", ".html"), clock_mhz=report_mhz)
+
+            self._later(kept, report)
         if wave is not None:
             from ..show.wave import WaveTaker, write_waves
 
@@ -97,12 +99,12 @@ class TrackedObject:
             name = self.named(f"batch-{wave}")
             self._later(taker, lambda one: one.files.extend(write_waves(taker.record(), folder, name)))
         if self.accuracy:
-            self.consumers.append(self.accuracy)
-            self._writers.append(lambda one: one.accuracy.save(one._file(folder, "accuracy", ".csv")))
+            self._later(self.accuracy, lambda one: one.accuracy.save(one._file(folder, "accuracy", ".csv")))
         path = self._file(folder, "track", ".csv")
         stack.enter_context(naming(path))
         file = stack.enter_context(path.open("w", newline=""))
-        self.consumers.append(CsvConsumer(file, self.config))
+        write = csv_writer(file, columns(self.config.motion, self.config.slides), self.config.image)
+        self.consumers.append(SimpleNamespace(add=lambda batch: write(batch.row())))
         for path in exports:
             path = self._file(path.parent, path.stem, path.suffix)
             self.consumers.append(stack.enter_context(exported(path, self.config)))

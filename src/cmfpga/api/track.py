@@ -89,7 +89,7 @@ def track(
     return tracking
 
 
-class Tracker:
+class Tracker(contextlib.AbstractContextManager):
     """Follow an object through events that come piece by piece: from a camera, a socket, a program of your own.
 
     What it finds is what :func:`track` finds in all of them together, however they are cut into pieces. A context
@@ -175,9 +175,6 @@ class Tracker:
                 self._open = None
                 for _ in self._batches:  # those that waited for a first length
                     pass
-
-    def __enter__(self):
-        return self
 
     def __exit__(self, *_):
         self.close()

@@ -49,7 +49,6 @@ def _parser():
 
 
 def main(arguments=None):
-    """Run the command; returns the exit status."""
     arguments = [*(sys.argv[1:] if arguments is None else arguments)]
     if arguments and not arguments[0].startswith("-"):
         name, *rest = arguments

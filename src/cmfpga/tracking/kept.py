@@ -142,29 +142,18 @@ class Kept:
         """Write everything as ``.npz``."""
         head = {"version": VERSION, "config": self.config.to_dict()}
         head |= {name: getattr(self, name) for name in ("engine", "recording", "left_out")}
-        details = self.details
-
-        def joined(name, dtype):
-            return np.concatenate([np.zeros(0, dtype), *(getattr(detail, name).ravel() for detail in details)])
-
+        details, lists = self.details, ("x", "y", "since", "v", "levels")
         with naming(path):
             np.savez_compressed(
                 path,
-                head=np.array(json.dumps(head)),
-                rows=np.array(self.rows, str),
-                spans=np.array(self.spans, np.int64),
-                truths=np.array(self.truths, np.float64),
-                roi_next=np.array(self.roi_next, np.int64),
-                batches=np.array([detail.batch for detail in details], np.int64),
-                counts=np.array([len(detail.x) for detail in details], np.int64),
-                iterations=np.array([len(detail.levels) for detail in details], np.int64),
-                velocities=np.array([len(detail.v) for detail in details], np.int64),
-                frames=np.array([detail.frame for detail in details]),
-                x=joined("x", np.uint16),
-                y=joined("y", np.uint16),
-                since=joined("since", np.uint32),
-                v=joined("v", np.float64).reshape(-1, len(self.config.motion_model.names)),
-                levels=joined("levels", np.uint8),
+                head=json.dumps(head),
+                **{name: getattr(self, name) for name in ("rows", "spans", "truths", "roi_next")},
+                batches=[detail.batch for detail in details],
+                counts=[len(detail.x) for detail in details],
+                iterations=[len(detail.levels) for detail in details],
+                velocities=[len(detail.v) for detail in details],
+                frames=[detail.frame for detail in details],
+                **{name: np.concatenate([getattr(detail, name) for detail in details]) for name in lists},
             )
 
     @classmethod
