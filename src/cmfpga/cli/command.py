@@ -32,7 +32,6 @@ EXAMPLES = (
 
 
 def load(name):
-    """The module of the subcommand ``name``."""
     if name not in COMMANDS:
         raise UserError(f"{name[:40]!r}: no such subcommand; {one_of(name, COMMANDS)}")
     return importlib.import_module(f".{name}", __package__)
@@ -76,5 +75,4 @@ def _completion(shell):
 
 
 def entry():
-    """The entry point."""
     return cli.run(main)

@@ -142,7 +142,6 @@ def main(arguments=None):
 
 
 def _others(options):
-    """The events of ``--over``."""
     if options.repeat > 1:
         raise ConfigError("--over: it goes without --repeat")
     with open_recording(options.over) as recording:

@@ -198,7 +198,6 @@ def _report(options, recording, survey, config, proposals, checked, noise, camer
 
 
 def _text(options, recording, survey, config, proposals, checked, noise, camera):
-    """Lines for people."""
     rows, columns = survey.counts.shape
     sensor = f"{recording.width}×{recording.height} px"
     if recording.width is None:

@@ -82,7 +82,6 @@ class Gallery:
         self._times, self._values, self._truths, self._doubtful, self._corners = [], [], [], [], []
 
     def add(self, batch):
-        """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`."""
         self._corners.append(batch.roi)
         if batch.v_px_per_s is not None:
             self._times.append(batch.t_ref)
@@ -170,7 +169,6 @@ class Gallery:
         return figure
 
     def _handles(self, trail):
-        """What the legend of the frames shows."""
         from matplotlib.lines import Line2D
         from matplotlib.patches import Patch
 
@@ -260,7 +258,6 @@ class Gallery:
 
 
 def _box(corner, size):
-    """The frame of an ROI."""
     from matplotlib.patches import Rectangle
 
     return Rectangle(np.subtract(corner, 0.5), *size, fill=False, edgecolor=_ROI, linewidth=1.5)

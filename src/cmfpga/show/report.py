@@ -73,7 +73,6 @@ def _rates(config):
 
 
 def _rates_figure(config):
-    """The figure for them; empty of a translation."""
     return "".join(
         f'<figure>\n<h2>{html.escape(title.capitalize())}</h2>\n<div id="rates" class="plot chart" role="img"></div>\n'
         f"<figcaption>{html.escape(label)} over time.</figcaption>\n</figure>\n"
@@ -137,7 +136,6 @@ def check_config(config):
 
 
 def render(kept, clock_mhz):
-    """The page's text."""
     check_config(kept.config)
     story = Story(kept, clock_mhz)
     head, blob = _data(kept, story)

@@ -130,7 +130,6 @@ class WaveTaker:
         self._found = None
 
     def add(self, batch):
-        """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`, which follows the last one."""
         if batch.index == self.wanted:
             self._found = batch
 

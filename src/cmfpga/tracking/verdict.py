@@ -133,7 +133,6 @@ class Verdict:
         )
 
     def __str__(self):
-        """All of it in sentences, for people."""
         told = (self.share, self.velocity, self.motion_text, *self.warnings())
         return ". ".join(text[0].upper() + text[1:] for text in told if text) + "."
 
@@ -166,7 +165,6 @@ class Verdict:
         return f"{self._with_spread(middle, name, '.3g')} {unit} in the median, {low:.3g} to {high:.3g}"
 
     def warnings(self):
-        """Sentences about what went wrong."""
         if not self.lost:
             return []
         then = "the ROI followed them all the same"

@@ -80,7 +80,6 @@ class Known:
 
     @property
     def text(self):
-        """What it is, for people."""
         return f"{self.name}: {self.kind}, {self.rows:,} rows, {self._range}"
 
     @property
