@@ -53,6 +53,12 @@ class Tiles:
         left, top = np.array(self.corners).T
         return [box_sums(image, self.width, self.height)[top, left] for image in images]
 
+    def of_pixels(self, width, height):
+        """Number of the tile whose middle is nearest to each pixel, int64 [height, width]; and whether it has it."""
+        row, in_row = _along(np.array(self.rows), self.height, height)
+        column, in_column = _along(np.array(self.columns), self.width, width)
+        return row[:, None] * len(self.columns) + column, in_row[:, None] & in_column
+
 
 def grid(config, tile=TILE, step=None):
     """The :class:`Tiles` of a sensor. The last column and row of tiles end where the sensor does.
@@ -116,6 +122,12 @@ def store_fields(config, given):
     fields = {"max_batch_events": max(events, config.max_batch_events), "bin_bits": max(bits, config.bin_bits)}
     fields["units"] = min(units, config.units)
     return {name: value for name, value in fields.items() if name not in given}
+
+
+def _along(starts, side, pixels):
+    at = np.arange(pixels)
+    index = np.searchsorted((starts[1:] + starts[:-1] + side - 1) / 2, at)
+    return index, (at >= starts[index]) & (at < starts[index] + side)
 
 
 def _side_by_side(size, side):

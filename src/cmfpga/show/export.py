@@ -199,13 +199,8 @@ class _Pixels:
         arrays, config = flow.arrays, flow.config
         self.shape = config.sensor_height, config.sensor_width
         kept = arrays["window_events"] > 0
-        self.times = arrays["t"][kept]
-        self._v, self._trusted = (arrays[name][kept] for name in ("v", "trusted"))
-        (width, height), (rows, columns) = arrays["size"], arrays["grid"]
-        row, in_row = nearest_tile(arrays["y"].reshape(rows, columns)[:, 0], height, self.shape[0])
-        column, in_column = nearest_tile(arrays["x"].reshape(rows, columns)[0], width, self.shape[1])
-        self._tile = row[:, None] * columns + column
-        self._covered = in_row[:, None] & in_column
+        self.times, self._v, self._trusted = (arrays[name][kept] for name in ("t", "v", "trusted"))
+        self._tile, self._covered = flow.tiles.of_pixels(config.sensor_width, config.sensor_height)
 
     def moved(self, k, duration_us):
         """Motion in a time at the flow of window ``k``, px, float64 [rows, columns, 2]; 0 where it is not trusted.
@@ -215,13 +210,6 @@ class _Pixels:
         there = self._covered & (self._trusted[k] != 0)[self._tile]
         moved = self._v[k] * (duration_us * 1e-6)
         return np.where(there[..., None], moved[self._tile], 0.0), there
-
-
-def nearest_tile(starts, length, pixels):
-    """Along one axis: the tile whose middle is the nearest to each pixel, and whether the pixel is in it."""
-    at = np.arange(pixels)
-    index = np.searchsorted((starts[1:] + starts[:-1] + length - 1) / 2, at)
-    return index, (at >= starts[index]) & (at < starts[index] + length)
 
 
 def _dsec(folder, pixels):

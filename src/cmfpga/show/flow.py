@@ -7,7 +7,6 @@ import numpy as np
 from ..dense.window import TABLE
 from ..errors import naming
 from ..tracking.kept import BUDGET, FRAME_SIZE
-from .export import nearest_tile
 from .gallery import DPI, check_suffix
 from .page import fill, shown_name
 
@@ -35,13 +34,6 @@ def top_speed(window):
     return float(scale * next(step for step in (1, 1.5, 2, 3, 5, 7, 10) if step * scale >= wanted * 0.999))
 
 
-def tile_of_pixels(tiles, width, height):
-    """Number of the tile whose middle is nearest to each pixel: int64 [height, width]."""
-    column, _ = nearest_tile(np.array(tiles.columns), tiles.width, width)
-    row, _ = nearest_tile(np.array(tiles.rows), tiles.height, height)
-    return row[:, None] * len(tiles.columns) + column
-
-
 def tile_colours(window, most):
     """The flow of each tile in colours, [n, 3]; doubtful and degenerate tiles in grey."""
     shown = colours(np.nan_to_num(window.px_per_s), most)
@@ -53,7 +45,7 @@ def tile_colours(window, most):
 
 def field(window, most):
     """The same of each pixel, [rows, columns, 3]."""
-    pixels = tile_of_pixels(window.tiles, window.config.sensor_width, window.config.sensor_height)
+    pixels, _ = window.tiles.of_pixels(window.config.sensor_width, window.config.sensor_height)
     return tile_colours(window, most)[pixels]
 
 
@@ -86,7 +78,7 @@ def figure(window, title):
     made.legend(handles=handles, loc="outside lower center", ncols=2)
     wheel(pictures["wheel"], most)
     kappa = np.where(np.isfinite(window.kappa), np.maximum(window.kappa, 1.0), np.nan)
-    tiles = tile_of_pixels(window.tiles, config.sensor_width, config.sensor_height)
+    tiles, _ = window.tiles.of_pixels(config.sensor_width, config.sensor_height)
     shown = sure.imshow(kappa[tiles], cmap="viridis", norm=LogNorm(1, 1000), interpolation="nearest")
     pictures["bar"].set_axis_off()
     made.colorbar(shown, cax=pictures["bar"].inset_axes((0, 0, 0.12, 1)), label="confidence [1/px²]")

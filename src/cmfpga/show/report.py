@@ -213,8 +213,7 @@ def _data(kept, story):
     # Times as differences, which deflate well; aligned: widest first.
     steps = [np.diff(detail.since, prepend=np.uint32(0)) for detail in details]
     arrays = [steps, *([getattr(detail, name) for detail in details] for name in ("x", "y", "frame"))]
-    little = {2: "<u2", 4: "<u4"}
-    return head, b"".join(a.astype(little.get(a.itemsize, a.dtype)).tobytes() for group in arrays for a in group)
+    return head, b"".join(a.astype(a.dtype.newbyteorder("<")).tobytes() for group in arrays for a in group)
 
 
 def _path_note(kept):

@@ -16,6 +16,9 @@ from ..protocol.flags import Flag
 
 PARTS = 12
 
+#: Middles of those, in scaled time.
+_TIMES = (np.arange(PARTS) + 0.5) * (2 / PARTS) - 1
+
 #: Fewer time stamps say no velocity; of so many, times in a window are told apart.
 FEWEST_STAMPS, STAMPS = 5.5, 64
 
@@ -179,13 +182,11 @@ def _moved(parts, v, size):
     Of both halves of the time: complex [2, 9, rows, columns].
     """
     _, _, down, right, _ = _kept(size)
-    times, steps = (np.arange(PARTS) + 0.5) * (2 / PARTS) - 1, np.array([-STEP_PX, 0, STEP_PX])
-    phases = (
-        np.exp(1j * np.multiply.outer(np.multiply.outer(v[k] + steps, times), f))
+    steps, halves = np.array([-STEP_PX, 0, STEP_PX]), (slice(PARTS // 2), slice(PARTS // 2, None))
+    across, along = (
+        np.exp(1j * np.multiply.outer(np.multiply.outer(v[k] + steps, _TIMES), f))
         for k, f in ((0, right), (1, down[:, 0]))
     )
-    across, along = phases
-    halves = slice(PARTS // 2), slice(PARTS // 2, None)
     return np.stack([
         np.concatenate([np.einsum("bkl,gbl->gkl", (parts * one[..., None])[half], across[:, half]) for one in along])
         for half in halves
@@ -199,8 +200,7 @@ def _lasting(parts, images, v, size):
     ROI's border cuts at some time does not count, unless v is beyond a fifth of the ROI's side.
     """
     _, _, down, right, _ = _kept(size)
-    times = (np.arange(PARTS) + 0.5) * (2 / PARTS) - 1
-    moved = parts * np.exp(1j * np.multiply.outer(times, v[0] * right + v[1] * down))
+    moved = parts * np.exp(1j * np.multiply.outer(_TIMES, v[0] * right + v[1] * down))
     thirds = np.fft.irfft2(moved.reshape(3, PARTS // 3, *moved.shape[1:]).sum(1), images.shape[1:])
     rims = (min(int(abs(one) / 2) + 2, side // 4) for one, side in zip(v[::-1], images.shape[1:], strict=True))
     inner = (..., *(slice(rim, -rim) for rim in rims))

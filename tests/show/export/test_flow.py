@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cmfpga.cli import flow as command_module
+from cmfpga.dense import Tiles
 from cmfpga.errors import ConfigError
 from cmfpga.events import write_hdf5
 from cmfpga.show.export import export_flow
@@ -23,12 +24,10 @@ def flow():
     v[2, 4] = 30_000, 0
     trusted = np.array([[1, 1, 0, 1, 1, 1], [0] * 6, [1, 0, 1, 1, 1, 1]])
     v[trusted == 0] = np.nan
-    arrays = {
-        "x": np.tile(X, 2), "y": np.repeat(Y, 3), "size": np.array([8, 8]), "grid": np.array([2, 3]), "v": v,
-        "trusted": trusted, "window_events": np.array([9, 0, 7]),
-        "t": np.array([[1000, 21_000], [-1, -1], [41_500, 61_500]]),
-    }  # fmt: skip
-    return SimpleNamespace(arrays=arrays, config=SimpleNamespace(sensor_width=20, sensor_height=12))
+    times = np.array([[1000, 21_000], [-1, -1], [41_500, 61_500]])
+    arrays = {"v": v, "trusted": trusted, "window_events": np.array([9, 0, 7]), "t": times}
+    sensor = SimpleNamespace(sensor_width=20, sensor_height=12)
+    return SimpleNamespace(arrays=arrays, config=sensor, tiles=Tiles(X, Y, 8, 8, ()))
 
 
 def expected(flow, window, seconds):

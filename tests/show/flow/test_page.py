@@ -10,7 +10,7 @@ import pytest
 
 from cmfpga.api.flow import Flow
 from cmfpga.show import flow as pages
-from cmfpga.show.flow import colours, field, figure, tile_of_pixels, top_speed
+from cmfpga.show.flow import colours, field, figure, top_speed
 from support.browser import Opened
 from support.flowing import measured
 
@@ -59,7 +59,7 @@ def test_colours_are_those_of_the_picture(shown, found):
     """In one of the corners of each cell: an arrow cannot be in all."""
     window, drawn = found[0], picture(shown, "flow")
     wanted = field(window, top_speed(window))
-    cells = tile_of_pixels(window.tiles, 128, 96)
+    cells, _ = window.tiles.of_pixels(128, 96)
     checked = 0
     for k in range(len(window.tiles)):
         rows, columns = np.nonzero(cells == k)
@@ -78,7 +78,7 @@ def test_a_tile_that_is_pointed_at(shown, found):
         "{clientX: box.left + box.width * 40 / 128, clientY: box.top + box.height * 40 / 96}))"
     )
     told = shown.do("return $('pointed').textContent")
-    k = tile_of_pixels(found[0].tiles, 128, 96)[40, 40]
+    k = found[0].tiles.of_pixels(128, 96)[0][40, 40]
     x, y = found[0].tiles.corners[k]
     assert told.startswith(f"x {x}, y {y}, events {found[0].counts[k]}")
 
