@@ -28,8 +28,8 @@ CONFIG = preset("fast").replace(sensor_width=40, sensor_height=30, roi_width=12,
     ((6.0, 0.0), True, 667), ((-6.0, 8.0), True, 500), ((0.1, 0.0), False, 1000), ((9.0, 0.0), False, 1000),
 ])  # fmt: skip
 def test_the_rule(v, trusted, expected):
-    assert fit(1000, v, trusted) == expected
-    assert fit(1, v, trusted) >= 1
+    assert fit(1000, np.hypot(*v), trusted) == expected
+    assert fit(1, np.hypot(*v), trusted) >= 1
 
 
 class Moving(Engine):

@@ -18,6 +18,7 @@ from ..events.arrays import EventSource
 from ..imaging.camera import camera_fields
 from ..imaging.survey import usual_survey, without_hot_pixels
 from ..show.export import export_flow
+from ..show.page import plain
 from ..tracking.source import Source, own_camera, sensor_fields, unit_note
 
 #: Files of a run, in its folder.
@@ -138,11 +139,6 @@ class Flow:
 def fit_columns(model):
     """Names of the columns of ``fit.csv``."""
     return ["window", "t_ref_us", *(part for name in MODELS[model] for part in (name, f"{name}_sd")), "tiles", "agree"]
-
-
-def plain(value):
-    """A number as JSON can hold it, with six digits behind the point; None for NaN."""
-    return round(float(value), 6) if np.isfinite(value) else None
 
 
 #: What the command and :func:`flow` take if nothing is told.

@@ -1,5 +1,6 @@
 """One of the objects that the command ``track`` follows: its files, and its part of the summary."""
 
+import collections
 import math
 from array import array
 from dataclasses import dataclass, field
@@ -34,7 +35,8 @@ class TrackedObject:
     stride: int = 1  # the largest of a region
     dropped: dict = field(default_factory=dict)  # events, by what they were dropped as
     cycles: array = field(default_factory=lambda: array("q"))
-    numbers: dict = field(default_factory=dict)  # of each batch what the verdict needs: a stream may have no end
+    #: Of each batch what the verdict needs: a stream may have no end.
+    numbers: dict = field(default_factory=lambda: collections.defaultdict(lambda: array("d")))
     flags: array = field(default_factory=lambda: array("i"))
     roi_next: tuple | None = None
     consumers: list = field(default_factory=list)  # take its batches beside the object itself: what makes its files
@@ -58,9 +60,7 @@ class TrackedObject:
             self.dropped[what] = self.dropped.get(what, 0) + getattr(result, what)
         self.roi_next = batch.roi_next
         for name in judged_columns(self.config.motion, self.config.slides):
-            self.numbers.setdefault(name, array("d")).append(
-                math.nan if (value := batch.values[name]) is None else value
-            )
+            self.numbers[name].append(math.nan if (value := batch.values[name]) is None else value)
         self.flags.append(batch.flags)
         if result.cycles is not None:
             self.cycles.append(result.cycles)

@@ -15,11 +15,6 @@ EXAMPLES = (
 PAGE = "report.html"
 
 
-def page_name(file):
-    """``report-NAME.html`` of ``track-NAME.npz``."""
-    return file.replace("track", "report", 1).removesuffix(".npz") + ".html"
-
-
 def parser():
     made = cli.parser("cmfpga report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
     made.add_argument("folder", metavar="DIR", help="the folder into which track wrote a report; its track.npz is read")
@@ -42,7 +37,7 @@ def main(arguments=None):
     if options.out and len(files) > 1:
         raise ConfigError(f"--out: {folder} has {len(files)} tracks; their pages can only be written there")
     for file in files:
-        page = Path(options.out) if options.out else folder / page_name(file.name)
+        page = Path(options.out or folder / f"{file.stem.replace('track', 'report', 1)}.html")
         with waiting("Writing the page"):
             write_page(Kept.load(file), page, clock_mhz=options.clock)
         print(f"wrote {page}")

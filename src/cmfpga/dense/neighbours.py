@@ -53,10 +53,7 @@ def _slopes(window):
 def _supported(window, v):
     """Which tiles have enough of the votes around them, with the flow ``v``, px per half window: bool [n]."""
     shape = len(window.tiles.rows), len(window.tiles.columns)
-    told = np.array([
-        information(window.config, one) if is_judged(one) else (0.0,) * 3 for one in window.tiles.of(window.result)
-    ])  # fmt: skip
-    xx, yy, xy = told.T
+    xx, yy, xy = window.each(lambda one: information(window.config, one) if is_judged(one) else None, (0.0,) * 3).T
     sharpness, directions = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1))
     worst, best = (directions[:, :, k].reshape(*shape, 2) for k in (0, 1))
     known = (sharpness[:, 1] >= window.config.confidence_limit).reshape(shape) & np.isfinite(v[:, 0]).reshape(shape)

@@ -79,7 +79,7 @@ class Window(Measured):
     tiles: Any
     cycles: int | None = None  # from the offer of its first event to the last result; None of engines without a clock
 
-    def _each(self, value, none=None, dtype=np.float64):
+    def each(self, value, none=None, dtype=np.float64):
         """``value(outcome)`` of each tile as an array; ``none`` where it is None."""
         found = map(value, self.tiles.of(self.result))
         return np.array([none if one is None else one for one in found], dtype)
@@ -87,7 +87,7 @@ class Window(Measured):
     @functools.cached_property
     def flags(self):
         """Bits of :class:`Flag` of each tile: int64 [n]."""
-        return self._each(lambda one: int(one.flags), dtype=np.int64)
+        return self.each(lambda one: int(one.flags), dtype=np.int64)
 
     @property
     def sure(self):
@@ -107,12 +107,12 @@ class Window(Measured):
     @functools.cached_property
     def counts(self):
         """Events that the flow of each tile is found from: int64 [n]."""
-        return self._each(lambda one: one.roi_events, dtype=np.int64)
+        return self.each(lambda one: one.roi_events, dtype=np.int64)
 
     @functools.cached_property
     def v(self):
         """Flow of each tile, px per half window: float64 [n, 2]; NaN of degenerate ones."""
-        return self._each(lambda one: None if Flag.DEGENERATE in one.flags else one.v, (np.nan, np.nan))
+        return self.each(lambda one: None if Flag.DEGENERATE in one.flags else one.v, (np.nan, np.nan))
 
     @property
     def px_per_s(self):
@@ -122,7 +122,7 @@ class Window(Measured):
     @functools.cached_property
     def kappa(self):
         """Confidence of each tile, 1/px²: float64 [n]; NaN where it was not measured."""
-        return self._each(functools.partial(confidence, self.config), np.nan)
+        return self.each(functools.partial(confidence, self.config), np.nan)
 
     @functools.cached_property
     def covariance(self):
@@ -135,7 +135,7 @@ class Window(Measured):
         return self._px2_per_s2(uncertainty)
 
     def _px2_per_s2(self, what):
-        return self._each(functools.partial(what, self.config), (np.nan,) * 3) / max(self.half_s, 1e-9) ** 2
+        return self.each(functools.partial(what, self.config), (np.nan,) * 3) / max(self.half_s, 1e-9) ** 2
 
     @property
     def outside(self):
@@ -245,14 +245,14 @@ class FieldCutter(FittedCutter):
             ahead = yield from self.ahead(count)
             shorter = shorter or len(ahead) // 2
             moved = trial(ahead)
-            wanted = 2 * count if moved is None else fit(count, (moved,), True)
+            wanted = 2 * count if moved is None else fit(count, moved, True)
             if len(ahead) < count or count == self.max_events or (moved is not None and wanted <= count):
                 break
             count = min(wanted, self.max_events)
         size = max(1, min(wanted, len(ahead)))
         while moved is None and shorter >= FEWEST_EVENTS:
             moved = trial((yield from self.ahead(shorter)))
-            size = size if moved is None else fit(shorter, (moved,), True)
+            size = size if moved is None else fit(shorter, moved, True)
             shorter //= 2
         self.limited |= size == self.max_events < wanted
         self.size = size
@@ -260,7 +260,7 @@ class FieldCutter(FittedCutter):
     def add(self, window):
         """Take a :class:`~.window.Window`, and choose the length of the next ones."""
         self._doubtful = 0 if window.moved is not None else self._doubtful + 1
-        wanted = fit(len(window.events), (window.moved or 0.0,), window.moved is not None)
+        wanted = fit(len(window.events), window.moved or 0.0, window.moved is not None)
         self.limited |= wanted > self.max_events
         self.size = min(wanted, self.max_events)
 

@@ -125,8 +125,7 @@ class _Viewer:
         colours = np.array([_OFF, _ON], np.uint8)[np.asarray(batch.events.p, np.int64)]
         places = (np.stack([batch.seen.x, batch.seen.y], axis=1) + 0.5) * self._pixel - 0.5
         log("sensor/events", rr.Points2D(places, colors=colours))
-        box = {"mins": [corner - 0.5], "sizes": [self._size]}
-        log("sensor/roi", rr.Boxes2D(**box, colors=[_ROI]))
+        log("sensor/roi", rr.Boxes2D(mins=[corner - 0.5], sizes=[self._size], colors=[_ROI]))
         v = [values["vx_px_per_s"], values["vy_px_per_s"]]
         there = [] if None in v else [np.array(v) * ARROW_S]
         middle = [corner + (self._size - 1) / 2] * len(there)

@@ -122,7 +122,7 @@ class Page:
     """Collects windows while they go by, in bounded memory; where they are too many, every second, fourth … of them."""
 
     def __init__(self):
-        self._kept, self._stride, self._size = [], 1, 0
+        self._kept, self._stride = [], 1
 
     def add(self, window, field=None):
         """Take a :class:`~.window.Window`, and what was fitted to it: ``{name: value}``."""

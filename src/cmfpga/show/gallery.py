@@ -60,11 +60,8 @@ class _Frame:
 
     def rgb(self, width):
         """The frame in colour, [rows, columns, 3]."""
-        events = np.unpackbits(self.packed, axis=2, count=width).astype(bool)
-        image = np.zeros((*events.shape[1:], 3))
-        for there, colour in zip(events, _COLOURS.values(), strict=True):
-            image[there] = colour
-        return image
+        off, on = np.unpackbits(self.packed, axis=2, count=width)
+        return np.array([(0.0, 0.0, 0.0), *_COLOURS.values()])[off + 2 * on]
 
 
 class Gallery:
@@ -88,7 +85,10 @@ class Gallery:
             self._values.append({**dict(zip(SPEED, batch.v_px_per_s, strict=True)), **batch.rates})
             self._truths.append(batch.true_px_per_s(self.motion))
             self._doubtful.append(Flag.DOUBTFUL in batch.flags)
-            self._keep_sharpest(batch)
+            still = self._image(batch, (0,) * len(batch.result.v))
+            gain = batch.contrast - still.var()
+            if self._sharpest is None or gain > self._sharpest[0]:
+                self._sharpest = (gain, batch.index, batch.v, still, self._image(batch, batch.result.v))
         if batch.index % self._stride == 0 and len(batch.events):
             self._frames.append(self._frame(batch))
             if len(self._frames) >= _KEPT:
@@ -115,12 +115,6 @@ class Gallery:
         x, y, dt = scaled_roi_events(self.config, batch.seen, batch.result.roi, **batch.which)
         v = flow(self.config, v, x, y, batch.result.roi)
         return image_of_warped_events(x, y, dt, v, width=self.config.roi_width, height=self.config.roi_height)
-
-    def _keep_sharpest(self, batch):
-        still = self._image(batch, (0,) * len(batch.result.v))
-        gain = batch.contrast - still.var()
-        if self._sharpest is None or gain > self._sharpest[0]:
-            self._sharpest = (gain, batch.index, batch.v, still, self._image(batch, batch.result.v))
 
     def save(self, path, figure=None, verdict=""):
         """Write the picture as what the suffix says: one of :data:`SUFFIXES`; ``.gif`` shows the object as it moves."""
@@ -305,10 +299,8 @@ def survey_lines(survey, config, proposals):
     step = columns / width
     height = max(round(rows / step / 2), 1)  # a sign is about twice as high as wide
     at_y, at_x = np.arange(rows) * height // rows, np.arange(columns) * width // columns
-    sums, sizes = np.zeros((height, width)), np.zeros((height, width))
-    np.add.at(sums, (at_y[:, None], at_x[None, :]), levels)
-    np.add.at(sizes, (at_y[:, None], at_x[None, :]), 1)
-    mean = sums / sizes
+    cells = (at_y[:, None] * width + at_x).ravel()
+    mean = (np.bincount(cells, levels.ravel()) / np.bincount(cells)).reshape(height, width)
     mean /= max(mean.max(), 1e-12)
     signs = [[_SHADES[int(value * (len(_SHADES) - 1) + 0.5)] for value in line] for line in mean]
     for k, found in enumerate(proposals):
@@ -320,8 +312,7 @@ def survey_lines(survey, config, proposals):
         if len(proposals) > 1:
             signs[at_y[y0]][min(at_x[x0] + 1, width - 1)] = str(k)
     yield f"events of the whole recording, {columns}×{rows} px" + ("; corners: ROI" if proposals else "")
-    for line in signs:
-        yield "|" + "".join(line) + "|"
+    yield from (f"|{''.join(line)}|" for line in signs)
 
 
 def draw_survey(path, survey, config, proposals):
@@ -331,8 +322,7 @@ def draw_survey(path, survey, config, proposals):
     figure = Figure(figsize=(10, 8), layout="constrained", dpi=110)
     above, below = figure.subplots(2, 1, height_ratios=(4, 1))
     above.imshow(_levels(survey), cmap="gray", interpolation="nearest")
-    hot = survey.hot_pixels()
-    if hot:
+    if hot := survey.hot_pixels():
         x, y, _ = zip(*hot, strict=True)
         above.plot(x, y, "o", markerfacecolor="none", color="tab:orange", label="hot pixel")
         figure.legend(loc="outside upper right")

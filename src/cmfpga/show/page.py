@@ -4,6 +4,7 @@ import base64
 import html
 import importlib.resources
 import json
+import math
 import re
 import zlib
 
@@ -27,6 +28,11 @@ def fill(body, head, blob, *, one, title, lead, notes, scripts, **parts):
 def asset(name):
     """The text of a file beside this one."""
     return importlib.resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def plain(value):
+    """A number as JSON can hold it, with six digits behind the point; None of what is no number."""
+    return None if value is None or not math.isfinite(value) else round(float(value), 6)
 
 
 def shown_name(recording):

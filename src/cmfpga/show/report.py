@@ -18,7 +18,7 @@ from ..errors import ConfigError, needs, write_text
 from ..protocol.flags import NOTES
 from ..tracking.columns import columns
 from .gallery import CHARTS, SPEED
-from .page import fill, shown_name
+from .page import fill, plain, shown_name
 from .story import Story
 
 #: Names of parameters for people, where they are not just v along an axis.
@@ -175,10 +175,6 @@ def _data(kept, story):
     """What the script draws: a JSON-ready dictionary, and the bytes of the arrays."""
     config, details = kept.config, kept.details
     shown = columns(config.motion, config.slides)
-
-    def plain(values):
-        return [None if value is None or np.isnan(value) else round(float(value), 6) for value in values]
-
     reach = max((float(np.abs(detail.v).max()) for detail in details if detail.v.size), default=0.0)
     head = {
         "columns": {name: kept.column(name) for name in shown},
@@ -190,12 +186,12 @@ def _data(kept, story):
         "many": config.nouns,
         "due": "the hop" if config.slides else "the batch",
         "spans": kept.spans,
-        "lasts": plain(story.lasts),
-        "truths": [plain(pair) for pair in kept.truths],
-        "cycles": plain(story.cycles),
+        "lasts": [*map(plain, story.lasts)],
+        "truths": [[*map(plain, pair)] for pair in kept.truths],
+        "cycles": [*map(plain, story.cycles)],
         "byFormula": story.by_formula,
-        "computeUs": plain(story.compute_us),
-        "margin": plain(story.margin),
+        "computeUs": [*map(plain, story.compute_us)],
+        "margin": [*map(plain, story.margin)],
         "roi": [config.roi_width, config.roi_height],
         "roiNext": list(kept.roi_next),
         "sensor": [config.sensor_width, config.sensor_height],

@@ -38,14 +38,12 @@ FILLED_PX = 2.8
 _REACH = 16  # no batch becomes longer, times the last that was to be trusted, or else the survey's first window
 
 
-def fit(events, v, trusted):
-    """Number of events of the next batch, by the ``events`` of the whole sensor of the one that is over, and its ``v``.
+def fit(events, moved, trusted):
+    """Number of events of the next batch, by the ``events`` of the whole sensor of the one that is over.
 
-    ``v`` is in px per half batch; of another motion than translation, how far the image moves. As many where v is not
-    ``trusted``, or the image moved by :data:`ALLOWED_PX`; else so many that it moves by :data:`TARGET_PX`, but no less
-    than half and no more than twice as many.
+    In half of that the image ``moved`` so far, px. As many where this is not ``trusted``, or is :data:`ALLOWED_PX`;
+    else so many that it moves by :data:`TARGET_PX`, but no less than half and no more than twice as many.
     """
-    moved = math.hypot(*v)
     if not trusted or ALLOWED_PX[0] <= moved <= ALLOWED_PX[1]:
         return events
     return max(round(events * min(max(TARGET_PX / max(moved, 1e-9), 0.5), 2.0)), 1)
@@ -101,7 +99,7 @@ class FittedCutter(BatchCutter):
             length = min(int(length * _GROWTH) + 1, self.max_events)
         if found or alone:
             count, moved = found or alone
-            self.size = min(fit(count, (moved,), True), self.max_events)
+            self.size = min(fit(count, moved, True), self.max_events)
             self.way = moved * self.size / count
         else:
             self.size = max(min(_REACH * self._shortest, half // 4), self._shortest)
@@ -141,7 +139,7 @@ class FittedCutter(BatchCutter):
             known = [one for one in zip(results, rois, strict=True) if Flag.DEGENERATE not in one[0].flags]
             known = [one for one in known if is_sure(one[0])] or known
             moved = max((extent(self._config, result.v, roi[:2]) for result, roi in known), default=0.0)
-            length = min(fit(self.size, (moved,), bool(known)), self.max_events)
+            length = min(fit(self.size, moved, bool(known)), self.max_events)
             if length == self.size:
                 return
             self.size = max(len((yield from self.ahead(length))), 1)
@@ -193,7 +191,7 @@ class FittedCutter(BatchCutter):
         self._doubtful = 0 if trusted else self._doubtful + 1
         self._sure = self.size if trusted else self._sure
         moved = max((extent(self._config, one.v, one.roi) for one in trusted), default=0.0)
-        self.size = min(fit(self.size, (moved,), bool(trusted)), self.max_events)
+        self.size = min(fit(self.size, moved, bool(trusted)), self.max_events)
         if trusted and len(batches) == 1 and not results[0].overflow:
             share = self.size / max(len(batches[0].events), 1)
             inside = share * (results[0].roi_events + results[0].thinned)
