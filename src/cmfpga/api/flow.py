@@ -13,8 +13,7 @@ from ..dense.tiles import fitting, store_fields
 from ..dense.window import COLUMNS, Run
 from ..engines import open_engine
 from ..errors import ConfigError, naming
-from ..events import Recording, is_live
-from ..events.arrays import EventSource
+from ..events import Recording
 from ..imaging.camera import camera_fields
 from ..imaging.survey import usual_survey, without_hot_pixels
 from ..show.export import export_flow
@@ -213,7 +212,7 @@ def configure(source, preset, fields, tile, step, option):
     ``fields`` are given ones, which go before what the source says. ``tile`` and ``step`` are as of
     :func:`~.tiles.fitting`. ``option(name)`` is how a user says ``sensor`` or ``time_unit``. Raises :exc:`ConfigError`.
     """
-    if is_live(source) if not isinstance(source, EventSource) else not source.seekable:
+    if not source.seekable:
         raise ConfigError(f"{source.name}: a stream; a recording is needed")
     usual = find_preset(preset)
     if not fields.get("regions", usual.regions):

@@ -44,11 +44,8 @@ class Tracking:
     """
 
     def __init__(self, config, engine, source):
-        self.config = config
-        self.engine = engine
-        self.source = source
-        self.results = []
-        self._values = []
+        self.config, self.engine, self.source = config, engine, source
+        self.results, self._values = [], []
         self._runs = []  # of each batch: its first event, plan, thinning and marks
         self._kept = Kept(config, engine, source.name, source.motion)
         self._gallery = Gallery(config, source.name, source.motion)

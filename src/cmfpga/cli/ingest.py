@@ -6,6 +6,7 @@ from .. import cli
 from ..config import preset
 from ..errors import ConfigError, naming
 from ..imaging.camera import camera_fields
+from ..imaging.survey import hot_mask, usual_survey, without_hot_pixels
 from ..tracking.source import rotation_fields
 
 
@@ -44,8 +45,6 @@ def ingest_fields(options, recording):
 
 def drop_hot_pixels(options, recording, config, fields):
     """``config`` without the recording's hot pixels, unless ``fields`` or ``--set`` name some; a note says which."""
-    from ..imaging.survey import usual_survey, without_hot_pixels
-
     survey = usual_survey(recording, options.engine, {**fields, **cli.config_changes(options)})
     config, note = without_hot_pixels(config, survey, "--hot-pixels none")
     cli.note(note)
@@ -54,8 +53,6 @@ def drop_hot_pixels(options, recording, config, fields):
 
 def _mask(text, recording):
     if text == "auto":
-        from ..imaging.survey import hot_mask
-
         return hot_mask(recording)
     if re.fullmatch(r"[\d,;\s]*", text):
         return text

@@ -16,6 +16,7 @@ from ..config.windows import needs_batches
 from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine, preload, usual_preset
 from ..errors import ConfigError, RecordingError
 from ..events import LiveSource, generate, is_live, open_source
+from ..imaging.survey import survey_and_propose
 from ..show.export import TRACK, checked_path
 from ..show.gallery import picture_path
 from ..tracking.fit import batch_cutter
@@ -257,8 +258,6 @@ def _choose(options, objects, recording, config):
     wanted = [one for one in objects if one.roi is None]
     if not wanted:
         return
-    from ..imaging.survey import survey_and_propose
-
     # Where the user or the other objects are; or else where something moves.
     start = options.start_event if options.start_event or len(wanted) < len(objects) else None
     proposals = survey_and_propose(recording, config, count=len(wanted), start_event=start)

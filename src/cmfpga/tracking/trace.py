@@ -155,29 +155,24 @@ class BatchTrace:
         else:
             done, _ = core.iterate(x, y, dt, v, eta=self._settings.eta, entry=entry, b=b)
         warped_x, warped_y = warp(config, x, y, dt, flow(config, v, b), level)
-        raw = {
-            "v": np.array(done.v, np.int64),
-            "v_next": np.array(done.v_next, np.int64),
-            "x": warped_x.numpy(),
-            "y": warped_y.numpy(),
-            "iwe": done.images.i.numpy()[:rows, :columns],
-            "iwe_dx": done.images.dx.numpy()[:rows, :columns],
-            "iwe_dy": done.images.dy.numpy()[:rows, :columns],
-            "sum_i": done.sums.i,
-            "sum_d": np.array([done.sums.dx, done.sums.dy], np.int64),
-            "s": np.array(done.sums.s, np.int64),
-            "g": np.array(done.g),  # may be wider than 64 bits
-        }
+        step, position = config.formats.v.step, 2.0**-config.position_frac
         weight, derivative = 2.0**-config.weight_frac, 2.0**-config.derivative_frac
-        frac = config.motion_model.frac if b else 0
-        steps = {
-            **dict.fromkeys(("v", "v_next"), config.formats.v.step),
-            **dict.fromkeys(("x", "y"), 2.0**-config.position_frac),
-            **dict.fromkeys(("iwe", "sum_i"), weight),
-            **dict.fromkeys(("iwe_dx", "iwe_dy", "sum_d"), derivative),
-            **dict.fromkeys(("s", "g"), weight * derivative * 2.0**-frac),
+        product = weight * derivative * 2.0 ** -(config.motion_model.frac if b else 0)
+        found = {  # integers, and the step of their format
+            "v": (np.array(done.v, np.int64), step),
+            "v_next": (np.array(done.v_next, np.int64), step),
+            "x": (warped_x.numpy(), position),
+            "y": (warped_y.numpy(), position),
+            "iwe": (done.images.i.numpy()[:rows, :columns], weight),
+            "iwe_dx": (done.images.dx.numpy()[:rows, :columns], derivative),
+            "iwe_dy": (done.images.dy.numpy()[:rows, :columns], derivative),
+            "sum_i": (done.sums.i, weight),
+            "sum_d": (np.array([done.sums.dx, done.sums.dy], np.int64), derivative),
+            "s": (np.array(done.sums.s, np.int64), product),
+            "g": (np.array(done.g), product),  # may be wider than 64 bits
         }
-        real = {name: value * steps[name] for name, value in raw.items()}
+        raw = {name: value for name, (value, _) in found.items()}
+        real = {name: value * unit for name, (value, unit) in found.items()}
         return IterationTrace(**real, level=level, log2_step=getattr(entry, "log2_step", None), raw=raw)
 
     def _step(self, k):
