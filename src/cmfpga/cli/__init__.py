@@ -150,15 +150,16 @@ def add_tile_options(made):
 
 
 def add_recording_options(made):
-    """``--sensor`` and ``--time-unit``, for :func:`recording_options`."""
+    """``--sensor`` and ``--time-unit``."""
     made.add_argument("--sensor", type=pair("W,H"), metavar="W,H", help="sensor size, px, if the file doesn't say")
     made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")
 
 
-def add_layout_options(made):
-    """``--columns``, ``--dataset`` and ``--format``, for :func:`reading`."""
+def add_reading_options(made):
+    """:func:`add_recording_options`, ``--columns``, ``--dataset`` and ``--format``, for :func:`reading`."""
     from ..events import forms
 
+    add_recording_options(made)
     text = "columns in their order, of text without names and of N×4; others: any name"
     made.add_argument("--columns", metavar="x,y,t,p", help=text)
     made.add_argument("--dataset", metavar="PATH", help="data set or group inside of an HDF5 file; topic of a ROS bag")

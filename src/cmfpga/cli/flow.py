@@ -54,8 +54,7 @@ def parser():
         f"(default: {ENGINE})",
     )  # fmt: skip
     add_ingest_options(made)
-    cli.add_recording_options(made)
-    cli.add_layout_options(made)
+    cli.add_reading_options(made)
     made.add_argument("--out", default="cmfpga-flow", metavar="DIR", help="folder for the files (default: %(default)s)")
     pictures = made.add_mutually_exclusive_group()
     pictures.add_argument("--no-picture", action="store_true", help=f"write neither {PICTURE} nor {PAGE}")

@@ -48,8 +48,7 @@ def parser():
     made.add_argument("--check", type=cli.positive, metavar="B", help=text)
     made.add_argument("--no-frame", action="store_true", help="do not show the events in the terminal")
     cli.files(made.add_argument("--png", metavar="FILE", help="write a picture of the events and the ROIs to FILE"))
-    cli.add_recording_options(made)
-    cli.add_layout_options(made)
+    cli.add_reading_options(made)
     made.add_argument("--json", action="store_true", help="print all of it as JSON")
     cli.add_config_options(made)
     return made

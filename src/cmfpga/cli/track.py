@@ -114,8 +114,7 @@ def add_tracking_options(made):
         "serial:PORT: a board at a serial port, such as /dev/ttyUSB0 (default: rtl)",
     )  # fmt: skip
     add_ingest_options(made)
-    cli.add_recording_options(made)
-    cli.add_layout_options(made)
+    cli.add_reading_options(made)
     text = "of a stream: drop events that come too fast, do not hold the sender up"
     made.add_argument("--drop", action="store_true", help=text)
 

@@ -55,29 +55,21 @@ def corners(points, tolerance):
 class Story:
     """Sentences about a :class:`~cmfpga.tracking.kept.Kept` track, and the assumed clock of the hardware.
 
-    Attributes
-    ----------
-    cycles : float64 array [B]
-        Clock cycles of each batch; NaN where there are none.
-    by_formula : bool
-        The engine has no clock, so they are those that the cycle formula gives.
-    compute_us : float64 array [B]
-        Time that they take.
-    lasts : float64 array [B]
-        Time until the next result may be due, µs: that of the batch, or of a hop, a share of its window.
-    margin : float64 array [B]
-        How many times as long that is.
+    Arrays of the B batches are float64 [B]; NaN where there is no value.
     """
 
     def __init__(self, kept, clock_mhz):
         self.kept, self.clock_mhz = kept, clock_mhz
+        #: Clock cycles; of an engine without a clock those that the formula gives.
         self.cycles, self.by_formula = _hardware_cycles(kept)
         self.compute_us = self.cycles / clock_mhz
+        #: Time until the next result may be due, µs: that of the batch, or of a hop, a share of its window.
         self.lasts, config = np.array(kept.spans, np.float64), kept.config
         with np.errstate(invalid="ignore", divide="ignore"):
             if config.slides:
                 hop = config.hop_events / kept.numbers("roi_events") if config.hop_events else 1 / HOPS
                 self.lasts = np.fmin(self.lasts * hop, config.hop_us or np.inf)
+            #: How many times as long as computing takes this is.
             self.margin = np.where((self.lasts > 0) & (self.compute_us > 0), self.lasts / self.compute_us, np.nan)
 
     @functools.cached_property

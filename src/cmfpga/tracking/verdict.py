@@ -39,13 +39,7 @@ class Verdict:
 
     Velocities are those of the trusted batches; where the confidence was not measured, of all that measured one.
 
-    Parameters
-    ----------
-    numbers : callable
-        ``numbers(name)``: a column of ``track.csv``, float64 [batches]; NaN where it is empty.
-    flags : list of Flag
-        Of each batch.
-    config : Config
+    ``numbers(name)``: a column of ``track.csv``, float64 [batches], NaN where it is empty. ``flags``: of each batch.
     """
 
     def __init__(self, numbers, flags, config=_USUAL):
