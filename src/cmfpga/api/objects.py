@@ -4,7 +4,6 @@ import collections
 import math
 from array import array
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -13,9 +12,9 @@ from ..imaging.camera import Camera
 from ..protocol.flags import Flag
 from ..show.export import exported
 from ..show.gallery import Gallery
-from ..tracking.columns import columns, csv_writer
 from ..tracking.fit import FittedCutter
 from ..tracking.kept import Kept
+from ..tracking.loop import CsvConsumer
 from ..tracking.verdict import Verdict, judged_columns
 
 
@@ -103,8 +102,7 @@ class TrackedObject:
         path = self._file(folder, "track", ".csv")
         stack.enter_context(naming(path))
         file = stack.enter_context(path.open("w", newline=""))
-        write = csv_writer(file, columns(self.config.motion, self.config.slides), self.config.image)
-        self.consumers.append(SimpleNamespace(add=lambda batch: write(batch.row())))
+        self.consumers.append(CsvConsumer(file, self.config))
         for path in exports:
             path = self._file(path.parent, path.stem, path.suffix)
             self.consumers.append(stack.enter_context(exported(path, self.config)))

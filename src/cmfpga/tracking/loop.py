@@ -22,7 +22,7 @@ from ..protocol.results import BatchResult
 from ..protocol.settings import BatchSettings
 from ..reference.integer.filters import NoiseFilter
 from .ambiguity import UNTRUSTED, Ambiguity, ambiguity
-from .columns import columns, row
+from .columns import columns, csv_writer, row
 from .course import Course
 from .fit import FittedCutter
 from .sliding import FittedWindows, Newest, Overlapping, window_lengths, with_those_of
@@ -228,6 +228,16 @@ class TrackedBatch(Measured):
     def row(self):
         """The same as text, as in ``track.csv``."""
         return row(self.values)
+
+
+class CsvConsumer:
+    """A consumer that writes ``track.csv`` as the batches of a configuration come."""
+
+    def __init__(self, file, config):
+        self._write = csv_writer(file, columns(config.motion, config.slides), config.image)
+
+    def add(self, batch):
+        self._write(batch.row())
 
 
 def track(engine, cutter, *, roi, batches=None, consumers=(), every=1):
