@@ -30,8 +30,7 @@ def test_comments_and_no_artefacts(name):
 
 YOSYS = """\
 module top(clk, i, \\port$7$0 , o, p, q);
-  reg \\$auto$verilog_backend.cc:2355:dump_module$1 ;
-  initial \\$auto$verilog_backend.cc:2355:dump_module$1  = 0;
+  reg \\$auto$verilog_backend.cc:2355:dump_module$1  = 0;
   wire [3:0] \\$1 ;
   reg [3:0] \\$2 ;
   reg [3:0] \\$3 ;
@@ -43,8 +42,7 @@ module top(clk, i, \\port$7$0 , o, p, q);
   wire [1:0] \\i$4.x ;
   wire [1:0] \\i.x ;
   output [3:0] o;
-  reg [3:0] o;
-  initial o = 4'h0;
+  reg [3:0] o = 4'h0;
   output [3:0] p;
   wire [3:0] p;
   output [3:0] q;

@@ -302,9 +302,13 @@ class Accelerator:
             raise DeviceError(f"{self.backend.name}: the result of batch {result.batch} came, not of {last + 1}")
         return result
 
+    def late(self, what, more=""):
+        """A :exc:`DeviceTimeout` that says what did not happen in time, and what to look at."""
+        return DeviceTimeout(f"{self.backend.name}: {what} within {self.timeout:g} s{more}{self.control.hint}")
+
     def _check_time(self, deadline, what):
         if time.monotonic() > deadline:
-            raise DeviceTimeout(f"{self.backend.name}: {what} within {self.timeout:g} s{self.control.hint}")
+            raise self.late(what)
 
     @contextlib.contextmanager
     def _other_timeout(self, timeout):

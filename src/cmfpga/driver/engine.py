@@ -128,9 +128,7 @@ def _fetch(top, found, done, what):
             found.append(top.receive(POLL_SECONDS))
             deadline = time.monotonic() + top.timeout
         if time.monotonic() > deadline:
-            raise DeviceTimeout(
-                f"{top.backend.name}: {what} within {top.timeout:g} s: {top.control.diagnosis()}{top.control.hint}"
-            )
+            raise top.late(what, f": {top.control.diagnosis()}")
 
 
 def _result(top, events):
@@ -147,15 +145,11 @@ def _result(top, events):
 
 
 def _no_result(top, events):
-    return DeviceTimeout(
-        f"{top.backend.name}: no result within {top.timeout:g} s of a batch of {events} events: "
-        f"{top.control.diagnosis()}{top.control.hint}"
-    )
+    return top.late("no result", f" of a batch of {events} events: {top.control.diagnosis()}")
 
 
 def _wait_done(top, events):
     """Until ISR says so, by interrupt or by looking."""
-    name = top.backend.name
     deadline = time.monotonic() + top.timeout
     while True:
         left = deadline - time.monotonic()
@@ -164,10 +158,7 @@ def _wait_done(top, events):
         if done and came:
             break
         if done:
-            raise DeviceTimeout(
-                f"{name}: the result came, but no interrupt within {top.timeout:g} s; "
-                f"interrupt=False does without{top.control.hint}"
-            )
+            raise top.late("the result came, but no interrupt", "; interrupt=False does without")
         if left <= 0:
             raise _no_result(top, events)
         if not top.interrupt:

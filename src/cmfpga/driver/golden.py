@@ -9,6 +9,7 @@ presets. After a change of the presets or of the arithmetic:
 import json
 from importlib import resources
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -140,40 +141,33 @@ PATTERNS = (0x00000000, 0xFFFFFFFF, 0xA5A55A5A, 0x12345678)
 
 def self_test(accelerator):
     """``{check: what was found}``; :exc:`DeviceError` at the first that fails."""
-    identify(accelerator.backend, accelerator.config)
-    found = {"identity": f"as built, configuration {accelerator.config.hardware_hash[:8]}"}
-    found["scratch"] = _scratch(accelerator.backend, accelerator.registers)
+    backend, config = accelerator.backend, accelerator.config
+    identify(backend, config)
+    found = {"identity": f"as built, configuration {config.hardware_hash[:8]}"}
+    found["scratch"] = _scratch(backend, accelerator.registers)
     accelerator.reset()
-    if accelerator.interrupt and accelerator.backend.wait_interrupt(0):
-        raise DeviceError(f"{accelerator.backend.name}: the interrupt is there before a batch: is the line stuck?")
-    expected, source = expected_result(accelerator.config)
-    events, roi = golden_batch(accelerator.config)
-    if accelerator.config.regions:
-        accelerator.write_regions(golden_regions(accelerator.config, roi))
-    results = accelerator.run(events, settings=settings_of(accelerator.config, roi))  # ends with the interrupt
-    results = results if accelerator.config.slides else [results]
+    if accelerator.interrupt and backend.wait_interrupt(0):
+        raise DeviceError(f"{backend.name}: the interrupt is there before a batch: is the line stuck?")
+    expected, source = expected_result(config)
+    events, roi = golden_batch(config)
+    if config.regions:
+        accelerator.write_regions(golden_regions(config, roi))
+    results = accelerator.engine.run(events, settings_of(config, roi))  # ends with the interrupt
     result = results[-1]
     found["interrupt"] = _interrupt(accelerator)
     if expected is None:
         found["golden batch"] = f"ran, but was not compared: {source}"
     else:
-        expected, came = _flat(expected), _flat(values_of(accelerator.config, result))
-        wrong = [name for name, value in expected.items() if came[name] != value]
-        if wrong:
-            name = wrong[0]
-            raise DeviceError(
-                f"{accelerator.backend.name}: the golden batch's {name} is {came[name]}; {source} says "
-                f"{expected[name]} (different: {', '.join(wrong)})"
-            )
-        regions = accelerator.config.regions
-        cycles = f"{len(result.regions)} regions" if regions else f"{result.cycles} cycles"
+        expected, came = _flat(expected), _flat(values_of(config, result))
+        if wrong := [name for name, value in expected.items() if came[name] != value]:
+            first = f"{wrong[0]} is {came[wrong[0]]}; {source} says {expected[wrong[0]]}"
+            raise DeviceError(f"{backend.name}: the golden batch's {first} (different: {', '.join(wrong)})")
+        cycles = f"{len(result.regions)} regions" if config.regions else f"{result.cycles} cycles"
         found["golden batch"] = f"{result.events} events, {cycles}, all {len(expected)} values as {source}"
     count = accelerator.counters()
     if count["events_in"] != len(events) or count["batches"] != len(results):
-        raise DeviceError(
-            f"{accelerator.backend.name}: {count['events_in']} events and {count['batches']} batches are counted after "
-            f"one batch of {len(events)}"
-        )
+        counted = f"{count['events_in']} events and {count['batches']} batches are counted"
+        raise DeviceError(f"{backend.name}: {counted} after one batch of {len(events)}")
     found["counters"] = f"{count['events_in']} events in, {count['batches']} result"
     accelerator.reset()
     return found
@@ -209,29 +203,17 @@ def _interrupt(accelerator):
 FORM = "EVT21"
 
 
-class _Recorder:
-    """A back end that keeps what is written."""
-
-    name = "bench"
-
-    def __init__(self):
-        self.writes = []
-
-    def read32(self, offset):
-        return 0
-
-    def write32(self, offset, word):
-        self.writes.append((offset, int(word)))
-
-
 def setting_writes(config):
     """``[(offset, word)]``: the golden batch's settings and tables, which ends with TLAST."""
-    recorder = _Recorder()
+    writes = []
+    recorder = SimpleNamespace(
+        name="bench", read32=lambda offset: 0, write32=lambda offset, word: writes.append((offset, int(word)))
+    )
     control, (_, roi) = Control(recorder, config), golden_batch(config)
     if config.regions:
         control.table.replace(golden_regions(config, roi))
     control.write_settings(settings_of(config, roi), {"duration": 0, "by_tlast": 1})
-    return recorder.writes
+    return writes
 
 
 def result_words(config, values):

@@ -8,6 +8,7 @@ import ctypes
 import functools
 import threading
 import time
+import weakref
 
 import numpy as np
 
@@ -44,11 +45,12 @@ class SimulatedTop:
         self._library = _library(config)
         self._lock = threading.RLock()
         self._handle = ctypes.c_void_p(self._library.axi_new(seed))
+        self._free = weakref.finalize(self, self._library.axi_free, self._handle)
         self.reset()
 
     def _call(self, name, *arguments):
         with self._lock:
-            if not self._handle:
+            if not self._free.alive:
                 raise ValueError("the simulated hardware is closed")
             return getattr(self._library, name)(self._handle, *arguments)
 
@@ -113,13 +115,7 @@ class SimulatedTop:
     def close(self):
         """Free the simulation. Safe to call twice."""
         with self._lock:
-            if self._handle:
-                self._library.axi_free(self._handle)
-                self._handle = None
-
-    def __del__(self):
-        if getattr(self, "_handle", None):
-            self.close()
+            self._free()
 
 
 #: Clock cycles between two looks at the time.

@@ -145,7 +145,7 @@ def summary(info):
 
 
 def describe_top(board, top, verilog):
-    """Everything in ``kv260-info.json``, or that of another board; JSON-ready."""
+    """Everything in a board's ``…-info.json``, JSON-ready."""
     return {
         **_origin(top.config, board.top, verilog),
         "latencies": {"event": top.shell.event_latency, "result": top.shell.result_latency},
@@ -226,85 +226,74 @@ targets:
 """
 
 
-def _add(parent, name, text=None):
-    made = ElementTree.SubElement(parent, f"{{{_SPIRIT}}}{name}")
+def _element(tag, /, *inside, text=None, **attributes):
+    """An element of IP-XACT with elements, or a text, inside."""
+    made = ElementTree.Element(f"{{{_SPIRIT}}}{tag}", {f"{{{_SPIRIT}}}{key}": attributes[key] for key in attributes})
     made.text = text
+    made.extend(inside)
     return made
 
 
-def _type(parent, name, library, type_):
-    made = _add(parent, name)
-    for key, value in {"vendor": "xilinx.com", "library": library, "name": type_, "version": "1.0"}.items():
-        made.set(f"{{{_SPIRIT}}}{key}", value)
+def _texts(**texts):
+    return [_element(name, text=text) for name, text in texts.items()]
 
 
-def _vector(parent, high, low):
-    vector = _add(parent, "vector")
-    _add(vector, "left", str(high))
-    _add(vector, "right", str(low))
+def _vector(high, low):
+    return _element("vector", *_texts(left=str(high), right=str(low)))
 
 
-def _bus(parent, name, kind, mode, maps):
+def _bus(name, kind, mode, maps):
     """A bus interface; ``maps`` are (logical, its highest and lowest bit or None, physical port)."""
     library, type_ = kind
-    bus = _add(parent, "busInterface")
-    _add(bus, "name", name)
-    _type(bus, "busType", library, type_)
-    _type(bus, "abstractionType", library, f"{type_}_rtl")
-    _add(bus, mode)
-    listed = _add(bus, "portMaps")
-    for logical, bits, physical in maps:
-        pair = _add(listed, "portMap")
-        port = _add(pair, "logicalPort")
-        _add(port, "name", logical)
-        if bits:
-            _vector(port, *bits)
-        _add(_add(pair, "physicalPort"), "name", physical)
+    types = (
+        _element(tag, vendor="xilinx.com", library=library, name=of_tag, version="1.0")
+        for tag, of_tag in (("busType", type_), ("abstractionType", f"{type_}_rtl"))
+    )
+    pairs = (
+        _element(
+            "portMap",
+            _element("logicalPort", *_texts(name=logical), *([_vector(*bits)] if bits else [])),
+            _element("physicalPort", *_texts(name=physical)),
+        )
+        for logical, bits, physical in maps
+    )
+    return _element("busInterface", *_texts(name=name), *types, _element(mode), _element("portMaps", *pairs))
 
 
-def _stream(parent, table, group, mode):
+def _stream(table, group, mode):
     """An AXI4-Stream whose TDATA has the fields where ``fields.vh`` says, but for ``last``."""
-    places, _ = packed(table, group)
     maps = [("TVALID", None, f"{group}_valid"), ("TREADY", None, f"{group}_ready")]
-    for port, lsb in places:
-        if port.name == "event_last":  # the highest field
-            maps.append(("TLAST", None, port.name))
-        else:
-            maps.append(("TDATA", (lsb + port.bits - 1, lsb), port.name))
-    _bus(parent, group, ("interface", "axis"), mode, maps)
+    for port, lsb in packed(table, group)[0]:
+        last = port.name == "event_last"  # the highest field
+        maps.append(("TLAST", None, port.name) if last else ("TDATA", (lsb + port.bits - 1, lsb), port.name))
+    return _bus(group, ("interface", "axis"), mode, maps)
+
+
+def _port(port):
+    direction = _texts(direction=port.direction.removesuffix("put"))  # in or out
+    wire = _element("wire", *direction, *([_vector(port.bits - 1, 0)] if port.bits > 1 else []))
+    return _element("port", *_texts(name=port.name, description=plain(port.meaning)), wire)
 
 
 def ip_xact(table):
     """``component.xml``: clock, reset, the streams of events and results, and all ports of ``table``."""
     ElementTree.register_namespace("spirit", _SPIRIT)
-    root = ElementTree.Element(f"{{{_SPIRIT}}}component")
-    for name, text in (("vendor", VENDOR), ("library", LIBRARY), ("name", TOP), ("version", __version__)):
-        _add(root, name, text)
-    buses = _add(root, "busInterfaces")
-    _bus(buses, "clk", ("signal", "clock"), "slave", [("CLK", None, "clk")])
-    _bus(buses, "rst", ("signal", "reset"), "slave", [("RST", None, "rst")])
-    _stream(buses, table, "event", "slave")
-    _stream(buses, table, "result", "master")
-    model = _add(root, "model")
-    view = _add(_add(model, "views"), "view")
-    for name, text in (("name", "verilog"), ("envIdentifier", "verilogSource::"), ("language", "verilog")):
-        _add(view, name, text)
-    _add(view, "modelName", TOP)
-    _add(_add(view, "fileSetRef"), "localName", "verilog")
-    ports = _add(model, "ports")
-    for port in table:
-        made = _add(ports, "port")
-        _add(made, "name", port.name)
-        _add(made, "description", plain(port.meaning))
-        wire = _add(made, "wire")
-        _add(wire, "direction", {"input": "in", "output": "out"}[port.direction])
-        if port.bits > 1:
-            _vector(wire, port.bits - 1, 0)
-    files = _add(_add(root, "fileSets"), "fileSet")
-    _add(files, "name", "verilog")
-    file = _add(files, "file")
-    _add(file, "name", f"{TOP}.v")
-    _add(file, "fileType", "verilogSource")
-    _add(root, "description", _ABOUT)
+    buses = (
+        _bus("clk", ("signal", "clock"), "slave", [("CLK", None, "clk")]),
+        _bus("rst", ("signal", "reset"), "slave", [("RST", None, "rst")]),
+        _stream(table, "event", "slave"),
+        _stream(table, "result", "master"),
+    )
+    texts = _texts(name="verilog", envIdentifier="verilogSource::", language="verilog", modelName=TOP)
+    view = _element("view", *texts, _element("fileSetRef", *_texts(localName="verilog")))
+    file = _element("file", *_texts(name=f"{TOP}.v", fileType="verilogSource"))
+    root = _element(
+        "component",
+        *_texts(vendor=VENDOR, library=LIBRARY, name=TOP, version=__version__),
+        _element("busInterfaces", *buses),
+        _element("model", _element("views", view), _element("ports", *map(_port, table))),
+        _element("fileSets", _element("fileSet", *_texts(name="verilog"), file)),
+        *_texts(description=_ABOUT),
+    )
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"

@@ -43,7 +43,6 @@ def emit_verilog(core, name=TOP):
         text = verilog.convert(fragment, name=name, ports=ports, emit_src=False, strip_internal_attrs=True)
     text = _strip_memory_contents(text)
     text = re.sub(r" *\(\* init = .*? \*\)\n", "", text)
-    text = _separate_initial_values(text)
     text = _complete_cases(text)
     text = re.sub(r"= ! ", "= ~| ", text)  # the same for any width, and what linters expect of a vector
     text = _plain_module_names(text, name)
@@ -158,17 +157,6 @@ def _strip_memory_contents(text):
         return ""
 
     return re.sub(r"  initial begin\n(?:    \S+ ?\[\d+\] = \S+;\n)+  end\n", check, text)
-
-
-def _separate_initial_values(text):
-    """``reg x = 0;`` becomes ``reg x; initial x = 0;``.
-
-    An ``initial`` statement is an event at time 0, which starts the ``always @*`` blocks in every simulator and
-    language version; a declaration's value is not one in SystemVerilog.
-    """
-    return re.sub(
-        r"^  (reg (?:\[\d+:0\] )?)(\S+ ?) = (\S+);$", r"  \1\2;\n  initial \2 = \3;", text, flags=re.MULTILINE
-    )
 
 
 def _complete_cases(text):

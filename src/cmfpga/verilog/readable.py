@@ -14,8 +14,7 @@ from .ports import plain
 
 _NAME = r"(?:\\\S+ |[A-Za-z_]\w*)"
 _TOKEN = re.compile(rf"(?<![.\w$'\"]){_NAME}")
-_DECLARATION = re.compile(rf"  (input|output|wire|reg) (\[\d+:0\] )?({_NAME});")
-_INITIAL = re.compile(rf"  initial ({_NAME}) = (\S+);")
+_DECLARATION = re.compile(rf"  (input|output|wire|reg) (\[\d+:0\] )?({_NAME})(?: = (\S+))?;")
 _ALIAS = re.compile(rf"  assign ({_NAME}) = ({_NAME});")
 _CLOCKED = re.compile(rf"  always @\(posedge (\w+)\)\n    ({_NAME}) <= ({_NAME});")
 _TARGET = re.compile(rf"^( +)({_NAME})((?:\[[^\]]*\])?) = ", re.MULTILINE)
@@ -116,13 +115,13 @@ class _Module:
         self.kinds, self.ranges, self.initial, self.items = {}, {}, {}, []
         for piece in re.split(r"\n(?=  [^ ])", body.removesuffix("\nendmodule")):
             if match := _DECLARATION.fullmatch(piece):
-                kind, bits, name = match.groups()
+                kind, bits, name, initial = match.groups()
                 self.ranges[name] = bits or ""
                 self.kinds[name] = f"{self.kinds[name]} reg" if kind == "reg" and name in self.kinds else (
                     self.kinds.get(name) or kind
                 )  # fmt: skip
-            elif match := _INITIAL.fullmatch(piece):
-                self.initial[match[1]] = match[2]
+                if initial:
+                    self.initial[name] = initial
             elif self.items and (piece.startswith(("  end", "  );")) or self.items[-1].endswith("*)")):
                 self.items[-1] += "\n" + piece
             elif piece.strip():
@@ -167,6 +166,7 @@ class _Module:
                 nameless[f"  {kind} {self.ranges[name]}"].append(name)
             elif name not in {*self.ports, *fields}:
                 lines.append(f"  {kind} {self.ranges[name]}{name};")
+            # An event at time 0 that starts ``always @*``, which a declaration's value is not in SystemVerilog.
             if name in self.initial:
                 lines.append(f"  initial {name} = {self.initial[name]};")
         for start, names in nameless.items():

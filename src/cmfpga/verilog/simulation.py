@@ -2,6 +2,7 @@
 
 import ctypes
 import dataclasses
+import weakref
 
 import numpy as np
 
@@ -66,6 +67,7 @@ class VerilatedCore:
         self._library.core_new.restype = ctypes.c_void_p
         self._library.core_wave_count.restype = ctypes.c_int64
         self._handle = ctypes.c_void_p(self._library.core_new(seed))
+        self._free = weakref.finalize(self, self._library.core_free, self._handle)
         self._written = {"schedule": ()}  # what the tables hold
         self.table = RegionTable(config) if config.regions else None
         self.offered, self.finished = [], []
@@ -78,7 +80,7 @@ class VerilatedCore:
             self.table.forget()
 
     def _open(self):
-        if not self._handle:
+        if not self._free.alive:
             raise ValueError("the simulated core is closed")
         return self._handle
 
@@ -129,13 +131,7 @@ class VerilatedCore:
 
     def close(self):
         """Free the simulation. Safe to call twice."""
-        if self._handle:
-            self._library.core_free(self._handle)
-            self._handle = None
-
-    def __del__(self):
-        if getattr(self, "_handle", None):
-            self.close()
+        self._free()
 
     def play(
         self, batches, settings, *, gaps=None, stalls=None, open_end=False, keep_pixels=False, max_cycles=None
