@@ -107,7 +107,7 @@ def test_the_verilog_is_kept_until_the_package_changes(builds, monkeypatch):
     first = compile_library(VerilogCore(CONFIG))
     assert compile_library(VerilogCore(CONFIG.replace(iterations=7))) == first and emitted == ["cmfpga_core"]
     assert compile_library(VerilogCore(CONFIG.replace(buffer_events=33))) != first and len(emitted) == 2
-    monkeypatch.setattr(library, "_package_digest", lambda: "of another package")
+    monkeypatch.setattr(library, "package_digest", lambda: "of another package")
     assert compile_library(VerilogCore(CONFIG)) == first and len(emitted) == 3
 
     class Other(VerilogCore):

@@ -1,5 +1,6 @@
 """The tables of a sweep, and the ranking of its configurations."""
 
+import functools
 import io
 import math
 import statistics
@@ -78,17 +79,16 @@ def results(rows, outcomes, run, estimates):
         line = {
             "recording": row.subject.name,
             "configuration": row.choice.number,
-            "roi_x": row.roi[0] if row.roi else None,
-            "roi_y": row.roi[1] if row.roi else None,
+            **dict(zip(("roi_x", "roi_y"), row.roi or (), strict=False)),
             **summary(row, outcome),
-            "truth": row.subject.truth.source if row.subject.truth else None,
+            "truth": row.subject.truth and row.subject.truth.source,
             "engine": run.engine,
             "batch_events": run.size.get("events"),
             "batch_us": run.size.get("duration_us"),
             "batch_roi_events": run.size.get("roi_events"),
             "start_event": run.start_event,
             "recording_sha256": row.subject.digest or None,
-            "configuration_hash": config.hardware_hash if config else None,
+            "configuration_hash": config and config.hardware_hash,
             "cmfpga": version(),
             "preset": row.choice.preset,
         }
@@ -126,9 +126,9 @@ def summary(row, outcome):
         "events": sum(batch["events"] for batch in batches),
         "events_left_over": outcome["events_left_over"],
         "roi_events_mean": _mean(batch["roi_events"] for batch in batches),
-        **{f"{name}_median": _median(batch[name] for batch in batches) for name in speeds if name in batches[0]},
+        **{f"{name}_median": _middle(batch[name] for batch in batches) for name in speeds if name in batches[0]},
         "contrast_mean": _mean(batch["contrast"] for batch in batches),
-        "gain_median": _median(1.0 if batch["gain"] is None else batch["gain"] for batch in batches),
+        "gain_median": _middle(1.0 if batch["gain"] is None else batch["gain"] for batch in batches),
         "trusted_batches": int(verdict.trusted.sum()) if verdict.judged.any() else None,
         "verdict": "; ".join(filter(None, (verdict.share, verdict.velocity))) or None,
         "cycles_mean": _mean(cycles_of(outcome)),
@@ -165,14 +165,13 @@ ESTIMATE_FORM = {
 }  # fmt: skip
 
 
-def _mean(values):
+def _mean(values, kind=statistics.fmean):
+    """The mean of those that are there; None without any."""
     values = [value for value in values if value is not None]
-    return statistics.fmean(values) if values else None
+    return kind(values) if values else None
 
 
-def _median(values):
-    values = [value for value in values if value is not None]
-    return statistics.median(values) if values else None
+_middle = functools.partial(_mean, kind=statistics.median)
 
 
 def batches(rows, outcomes):
@@ -245,23 +244,19 @@ def ranking(rows, outcomes, estimates):
     ``ranks`` has a number from 1 for each of :data:`CRITERIA` that there is a value for. ``best`` is set where no other
     ranked configuration is as good in all of them and better in one.
     """
-    groups = {}
+    groups, gains = {}, {}  # the best gain of each object that some configuration has a result for
     for row, outcome in zip(rows, outcomes, strict=True):
-        groups.setdefault(row.choice.number, []).append((row, outcome, summary(row, outcome)))
-    gains = {}  # the best of each object that some configuration has a result for
-    for group in groups.values():
-        for row, _, found in group:
-            if found["status"] == "ok":
-                key = row.subject.name, row.subject.roi
-                gains[key] = max(gains.get(key, 0.0), found["gain_median"])
+        found, key = summary(row, outcome), (row.subject.name, row.subject.roi)
+        groups.setdefault(row.choice.number, []).append((row, outcome, found))
+        if found["status"] == "ok":
+            gains[key] = max(gains.get(key, 0.0), found["gain_median"])
     listed = [_aggregate(group, gains, estimates) for group in groups.values()]
     ranked = [entry for entry in listed if entry["complete"]]
     for name, (_, less) in CRITERIA.items():
-        values = {entry["configuration"]: entry[name] for entry in ranked if entry[name] is not None}
+        values = sorted((entry[name] for entry in ranked if entry[name] is not None), reverse=not less)
         for entry in ranked:
-            if entry["configuration"] in values:
-                ahead = (value < entry[name] if less else value > entry[name] for value in values.values())
-                entry["ranks"][name] = 1 + sum(ahead)
+            if entry[name] is not None:
+                entry["ranks"][name] = 1 + values.index(entry[name])
     for entry in ranked:
         entry["best"] = not any(_dominates(other, entry) for other in ranked)
 
@@ -277,6 +272,7 @@ def _aggregate(group, gains, estimates):
     errors = [error for row, outcome, _ in ok if row.subject.truth for error in errors_of(outcome)]
     cycles = [count for _, outcome, _ in ok for count in cycles_of(outcome)]
     best = [(found["gain_median"], gains[row.subject.name, row.subject.roi]) for row, _, found in ok]
+    trusted, measured = ([found[name] for *_, found in ok] for name in ("trusted_batches", "batches"))
     hashes = {row.task.config.hardware_hash for row, _, _ in group if row.task}
     totals = [estimates[key]["total"] for key in sorted(hashes) if estimates.get(key, {}).get("status") == "ok"]
     # With sensors of several sizes there are several hardwares: the largest counts.
@@ -291,7 +287,7 @@ def _aggregate(group, gains, estimates):
         "complete": bool(ok) and len(ok) == len(gains),
         "error_px": statistics.median(errors) if errors else None,
         "below": _mean(error < WRONG_PX for error in errors),
-        "trusted": _trusted_share(ok),
+        "trusted": sum(trusted) / sum(measured) if ok and None not in trusted else None,
         "gain": _mean(gain / most for gain, most in best if most > 0),
         "cycles": _mean(cycles),
         "resources": used,
@@ -299,13 +295,6 @@ def _aggregate(group, gains, estimates):
         "ranks": {},
         "best": False,
     }
-
-
-def _trusted_share(ok):
-    """Trusted among all batches of rows; None where one has no confidence."""
-    if not ok or any(found["trusted_batches"] is None for *_, found in ok):
-        return None
-    return sum(found["trusted_batches"] for *_, found in ok) / sum(found["batches"] for *_, found in ok)
 
 
 def _dominates(one, other):

