@@ -12,9 +12,7 @@ from filelock import FileLock, Timeout
 from ..rtl.axi.top import AxiTop
 from ..rtl.top import VerilogCore, VerilogRegions, VerilogSliding
 from ..waiting import waiting
-from .compiler import (
-    CompilerError, compiler_output, find_verilator, first_line, package_digest, require_compiler,
-)  # fmt: skip
+from .compiler import CompilerError, compiler_output, find_verilator, first_line, package_digest, require_compiler
 from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
 
 #: Tables that are written at run time: what their ports begin with.
