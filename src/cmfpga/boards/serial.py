@@ -17,12 +17,7 @@ ULX3S = SerialBoard(
     sensor_clock_hz=75_000_000,
     sensor_connector=("gpio", 0),
     # All of one bank, beside each other; the clock on one of its clock inputs.
-    sensor_pins={
-        "pclk": "0+",
-        "hsync": "1+",
-        "vsync": "1-",
-        "data": "2+ 2- 3+ 3- 4+ 4- 5+ 5-",
-    },
+    sensor_pins={"pclk": "0+", "hsync": "1+", "vsync": "1-", "data": "2+ 2- 3+ 3- 4+ 4- 5+ 5-"},
 )
 
 #: On its dock.
@@ -40,10 +35,5 @@ TANG_PRIMER_20K = SerialBoard(
     baud=3_000_000,  # 9 cycles a bit
     sensor_clock_hz=27_000_000,
     # Headers PMOD2 (data) and PMOD3.
-    sensor_pins={
-        "pclk": "P6",
-        "hsync": "T7",
-        "vsync": "P8",
-        "data": "P11 R11 M15 J16 T11 T12 M14 J14",
-    },
+    sensor_pins={"pclk": "P6", "hsync": "T7", "vsync": "P8", "data": "P11 R11 M15 J16 T11 T12 M14 J14"},
 )

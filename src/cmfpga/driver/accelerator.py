@@ -108,22 +108,12 @@ class Accelerator:
         self.engine.write(regions, anew)
 
     def track(self, recording, *, roi, batches=None, start_event=0, consumers=(), every=1, **size):
-        """Follow an object through a recording.
+        """Follow an object through a recording, an event source or a path.
 
-        Parameters
-        ----------
-        recording : EventSource, or path
-        roi, batches, consumers, every
-            As of :func:`cmfpga.tracking.loop.track`.
-        start_event : int
-            First event.
-        events, duration_us, roi_events : int, optional
-            One of them: what makes a batch complete, as :class:`cmfpga.events.BatchCutter` has it. Without, batches
-            suit the motion (:func:`cmfpga.tracking.fit.batch_cutter`).
-
-        Yields
-        ------
-        cmfpga.tracking.loop.TrackedBatch
+        Yields each :class:`~cmfpga.tracking.loop.TrackedBatch`, as :func:`cmfpga.tracking.loop.track` does with the
+        same options. One of ``events``, ``duration_us`` and ``roi_events`` says what makes a batch complete
+        (:class:`cmfpga.events.BatchCutter`). Without, batches suit the motion
+        (:func:`cmfpga.tracking.fit.batch_cutter`).
         """
         from ..tracking.fit import batch_cutter
         from ..tracking.loop import track
@@ -131,8 +121,7 @@ class Accelerator:
 
         with contextlib.ExitStack() as stack:
             source = Source(recording).open(stack)
-            # At most two words an event.
-            most = self.backend.max_words // 2
+            most = self.backend.max_words // 2  # at most two words an event
             cutter = batch_cutter(source, self.config, start_event=start_event, most=most, **size)
             yield from track(self.engine, cutter, roi=roi, batches=batches, consumers=consumers, every=every)
 
@@ -220,11 +209,10 @@ class Accelerator:
 
     def sent(self):
         """Whether all words were taken."""
-        try:
+        with contextlib.suppress(DeviceTimeout):
             self.backend.wait_sent(0)
-        except DeviceTimeout:
-            return False
-        return True
+            return True
+        return False
 
     def check_batchwise(self):
         """Raise :exc:`DeviceError` where batches are processed since :meth:`start`."""
@@ -247,9 +235,9 @@ class Accelerator:
         return {name.lower(): bool(value) for name, value in self.control.read("STATUS").items()}
 
     def reset(self):
-        """Forget events, batches under way, v, the ROI, and counters; the state after a hardware reset.
+        """State after a hardware reset; :exc:`DeviceTimeout` where the hardware does not become quiet.
 
-        Raises :exc:`DeviceTimeout` where the hardware does not become quiet.
+        Events, batches under way, v, the ROI and counters are forgotten.
         """
         deadline = time.monotonic() + self.timeout
         self.backend.stop()

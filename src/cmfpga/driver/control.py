@@ -27,14 +27,14 @@ def identify(backend, config=None):
     build = _field(backend, "BUILD", "HASH")
     config = config or backend.config
     presets = wrapped_presets()
-    names = {name: preset for name, preset in presets.items() if _hash(preset) == build}
+    names = [name for name, preset in presets.items() if _hash(preset) == build]
+    if config is None and names:
+        return presets[names[0]]
     if config is None:
-        if not names:
-            raise WrongHardware(
-                f"{backend.name}: the hardware has the configuration {build:08x}, which is none of the presets "
-                f"{', '.join(presets)}; give config=, from the build-info.json beside its Verilog"
-            )
-        return next(iter(names.values()))
+        raise WrongHardware(
+            f"{backend.name}: the hardware has the configuration {build:08x}, which is none of the presets "
+            f"{', '.join(presets)}; give config=, from the build-info.json beside its Verilog"
+        )
     if _hash(config) != build:
         is_preset = f" (preset {', '.join(names)})" if names else ""
         raise WrongHardware(

@@ -37,14 +37,14 @@ def bitstream(verilog, board, path, *, seeds=SEEDS, report=lambda doing: None):
     versions, flow, family = require_tools(board.device), FLOWS[board.name], FAMILIES[board.device]
     plan = flow.platform().prepare(Pads(board), "pads")
     script = f"read_verilog core.v\nread_rtlil pads.il\n{family.synthesis.format(top='pads')}\nwrite_json 0.json\n"
-    pads = [("pads.il", _text(plan.files["pads.il"]))]
+    pads = [("pads.il", plan.files["pads.il"])]
     (netlist,) = yosys(script, verilog, [f"yosys: synthesis for {family.title}"], report, pads)
     flow.prepare(netlist["modules"]["pads"])
     tried = {}
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         (folder / "pads.json").write_text(json.dumps(netlist), encoding="utf-8")
-        (folder / flow.constraints).write_text(_text(plan.files[flow.constraints]), encoding="utf-8")
+        (folder / flow.constraints).write_text(plan.files[flow.constraints], encoding="utf-8")
         for seed in range(1, seeds + 1):
             clocks, resources = _placed(folder, board, seed, f"nextpnr: seed {seed} of at most {seeds}", report)
             tried[str(seed)] = clocks
@@ -99,10 +99,6 @@ def _placed(folder, board, seed, doing, report):
         return clocks, {name: found["utilization"][cell] for name, (cell, _) in family.resources.items()}
     except (AttributeError, LookupError, TypeError, ValueError):
         raise EstimateError("the report of nextpnr has not the design's two clocks and the resources") from None
-
-
-def _text(content):
-    return content if isinstance(content, str) else content.decode()
 
 
 class Pads(Elaboratable):

@@ -141,11 +141,7 @@ GATEMATE = Family(
     synthesis="synth_gatemate -luttree -nomx8 -noiopad -top {top}\nautoname",
     devices={"CCGM1A1": ("--device CCGM1A1", (1,))},
     options=("--placer-heap-beta", "0.6"),
-    resources={
-        "lut4": ("CPE_LT", "CPE_LT"),
-        "ff": ("CPE_FF", "CPE_FF"),
-        "ram": ("RAM_HALF", "RAM_HALF"),
-    },
+    resources={"lut4": ("CPE_LT", "CPE_LT"), "ff": ("CPE_FF", "CPE_FF"), "ram": ("RAM_HALF", "RAM_HALF")},
     prepare=_only_clock,
     untimed="multipliers",
 )

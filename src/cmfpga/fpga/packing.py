@@ -56,7 +56,7 @@ def pack_registers(module):
         for factor in "AB":
             packed |= _pack_inputs(cells, cell, factor, drivers, {"TRELLIS_FF"})
     for cell in multipliers:
-        others = [factor for factor in "AB" if not _waits(cell, factor)]
+        others = [factor for factor in "AB" if _kind_of(cell, f"INPUT{factor}") is None]
         packed |= _pack_inputs(cells, cell, others, drivers, _GATES)
     _drop(module, packed)
     drivers, sinks = wires_of(module)
@@ -156,8 +156,9 @@ def _move_behind(cells, name, sinks, drivers, new):
     """
     cell = cells[name]
     wires = cell["connections"]
-    kinds = {_kind_of(cell, name) for name in ("INPUTA", "INPUTB", "OUTPUT")} - {None}
-    if not (_waits(cell, "A") and _waits(cell, "B")) or len(kinds) > 1:
+    own = [_kind_of(cell, f"INPUT{factor}") for factor in "AB"]
+    kinds = {*own, _kind_of(cell, "OUTPUT")} - {None}
+    if None in own or len(kinds) > 1:
         return set()
     (kind,) = kinds
     factors = {
@@ -269,11 +270,6 @@ def _register(cells, name, like, data, out, drivers):
         name += "_too"
     cells[name] = found | {"connections": found["connections"] | {"DI": [data], "Q": [out]}, "attributes": {}}
     drivers[out] = name
-
-
-def _waits(multiplier, factor):
-    """Whether it uses its register of a factor."""
-    return _kind_of(multiplier, f"INPUT{factor}") is not None
 
 
 def _kind_of(multiplier, name):

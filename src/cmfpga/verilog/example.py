@@ -117,7 +117,7 @@ def _settings(config, table):
 
 
 def _loader(rows, ports):
-    """Lines of what fills the core's tables, an entry a cycle."""
+    """Lines of what fills the core's tables, an entry a cycle; ``ports`` of each begin with its valid."""
     total = sum(map(len, rows.values()))
     bits = bits_for(total)
     yield "  // ---------------------------------------------------------------- tables, written once after a reset"
@@ -129,7 +129,7 @@ def _loader(rows, ports):
     yield f"    else if (!loaded) entry <= entry + {bits}'d1;"
     number = 0
     for group, entries in rows.items():
-        fields = ports[group]
+        _, *fields = ports[group]
         width = 1 + sum(port.bits for port in fields)
         names = ", ".join(port.name for port in fields)
         yield ""
@@ -194,7 +194,10 @@ def _instance(config, tied, table):
 def example(config, table):
     """Verilog-2001 of the module :data:`EXAMPLE`; run-time fields of ``config`` are the settings' constants."""
     rows = loads(config, table)
-    ports = {group: [p for p in table if p.group == group and p.field != "valid"] for group in rows}
+    ports = {
+        group: sorted((port for port in table if port.group == group), key=lambda port: port.field != "valid")
+        for group in rows
+    }
     tied = {"clk": "clk", "rst": "rst", **_settings(config, table)}
     tied |= {name: name for name in ("event_valid", "event_ready", "result_valid", "result_ready")}
     for port in table:
@@ -204,14 +207,10 @@ def example(config, table):
         if port.group in ("event", "result"):
             tied[port.name] = f"{'event_word' if port.group == 'event' else 'result'}[{field}]"
         elif port.group in rows:
-            rest = [port.bits for port in ports[port.group]]
-            if port.field == "valid":
-                tied[port.name] = f"{port.group}[{sum(rest)}]"
-            else:
-                at = ports[port.group].index(port)
-                low = sum(rest[at + 1 :])
-                part = f"{low + port.bits - 1}:{low}" if port.bits > 1 else f"{low}"
-                tied[port.name] = f"{port.group}[{part}]"
+            of_word = ports[port.group]  # from the highest bit on
+            low = sum(later.bits for later in of_word[of_word.index(port) + 1 :])
+            part = f"{low + port.bits - 1}:{low}" if port.bits > 1 else f"{low}"
+            tied[port.name] = f"{port.group}[{part}]"
         else:
             tied[port.name] = _constant(0, port.bits) if port.direction == "input" else ""
     camera = []
