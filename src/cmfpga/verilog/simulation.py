@@ -111,9 +111,8 @@ class VerilatedCore:
     def _write(self, table, rows):
         rows = np.array(rows, np.int64)
         number, width = TABLES.index(table), rows.size // max(1, len(rows))
-        self._library.core_write_table(
-            self._open(), number, _pointer(rows), ctypes.c_int64(width), ctypes.c_int64(len(rows))
-        )
+        sizes = ctypes.c_int64(width), ctypes.c_int64(len(rows))
+        self._library.core_write_table(self._open(), number, _pointer(rows), *sizes)
 
     def start_waves(self):
         """Record the outputs whose names begin with ``wave_``, from the next clock cycle on."""
@@ -125,7 +124,7 @@ class VerilatedCore:
         Cycles are counted from 0; ``ports`` are numbers of the ``wave_`` outputs, all of which change in cycle 0.
         """
         count = self._library.core_wave_count(self._open())
-        cycles, ports, values = np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros(count, np.int64)
+        (cycles, ports), values = np.zeros((2, count), np.int32), _zeros(count)
         self._library.core_wave_take(self._open(), _pointer(cycles), _pointer(ports), _pointer(values))
         return cycles, ports, values
 
@@ -133,9 +132,7 @@ class VerilatedCore:
         """Free the simulation. Safe to call twice."""
         self._free()
 
-    def play(
-        self, batches, settings, *, gaps=None, stalls=None, open_end=False, keep_pixels=False, max_cycles=None
-    ):  # fmt: skip
+    def play(self, batches, settings, *, gaps=None, stalls=None, keep_pixels=False, max_cycles=None):
         """Batches without a pause between them: the next one is offered while results are awaited.
 
         Parameters
@@ -148,8 +145,6 @@ class VerilatedCore:
             Idle cycles before each event of all batches is offered.
         stalls : list of int, optional
             Clock cycles for which each result is left waiting.
-        open_end : bool
-            Do not mark last events: the core must end each batch by itself.
         keep_pixels : bool
             Return what every sweep read.
         max_cycles : int, optional
@@ -172,7 +167,7 @@ class VerilatedCore:
             for (t, _, _), plan in zip(batches, plans, strict=True):
                 max_cycles += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan) + 1000
         values, trace, pixels, offered = self._drive(
-            batches, settings, gaps, stalls, sum(plans), max_cycles, open_end=open_end, keep_pixels=keep_pixels
+            batches, settings, gaps, stalls, sum(plans), max_cycles, keep_pixels=keep_pixels
         )
         for row, cycle in zip(values, offered, strict=True):
             row["offered"] = cycle
@@ -199,9 +194,8 @@ class VerilatedCore:
         if self.table:
             plans, limit = self._bounds(batches, settings, regions)
             limit = max_cycles or limit + self._patience(gaps, stalls)
-            rows, trace, _, self.offered = self._drive(
-                batches, values, gaps, stalls, sum(plans) * len(batches), limit
-            )  # fmt: skip
+            iterations = sum(plans) * len(batches)
+            rows, trace, _, self.offered = self._drive(batches, values, gaps, stalls, iterations, limit)
             # Iterations of one region come one after the other, also those of two batches.
             which = self.trace_names.index("region")
             steps = {k: np.delete(trace[trace[:, which] == k], which, 1) for k in range(count)}
@@ -220,8 +214,7 @@ class VerilatedCore:
         config = self.config
         self.write_tables(settings)
         plans = [len(getattr(settings, name)) for name in PLANS]
-        turns = config.ascent_rule.evaluations << config.geometry.turn_bits
-        most = 2 * len(t) + 1
+        turns, most = config.ascent_rule.evaluations << config.geometry.turn_bits, 2 * len(t) + 1
         events = [(t[k : k + 1], x[k : k + 1], y[k : k + 1]) for k in range(len(t))] if each else [(t, x, y)]
         stalls = np.resize([0] if stalls is None else stalls, most)
         limit = self._patience(gaps, stalls) + len(t)
@@ -251,9 +244,9 @@ class VerilatedCore:
         if [row.get("last", 1) for row in rows] != [0] * (len(rows) - 1) + [1]:
             raise AssertionError("the last result of a batch is not marked")
         rows, paths = sorted(rows, key=lambda row: row.get("region", 0)), []
-        if [row.get("region", 0) for row in rows] != [*range(len(rows))]:
-            raise AssertionError("a region has no result, or two")
         for number, row in enumerate(rows):
+            if row.get("region", 0) != number:
+                raise AssertionError("a region has no result, or two")
             own, steps[number] = np.split(steps[number], [self._traced(row["iterations"])])
             paths.append(own)
         return to_batch_result(self.config, rows, paths)
