@@ -56,23 +56,19 @@ def wrapped_presets():
 
 def check_version(backend):
     """Raise :exc:`WrongHardware` unless it is an accelerator that this version of the package made."""
-    found = _field(backend, "ID", "MAGIC")
-    if found != ID:
-        raise WrongHardware(
-            f"{backend.name}: ID reads {found:#010x}, not {ID:#010x}; "
-            f"is the bitstream loaded, and is the address right? {backend.hint()}".rstrip()
-        )
-    map_version = _field(backend, "CAPS", "MAP")
-    if map_version != MAP_VERSION:
-        raise WrongHardware(
-            f"{backend.name}: the hardware has version {map_version} of the register map, this driver {MAP_VERSION}"
-        )
+    magic, map_version = _field(backend, "ID", "MAGIC"), _field(backend, "CAPS", "MAP")
     version = ".".join(str(_field(backend, "VERSION", part)) for part in ("MAJOR", "MINOR", "PATCH"))
-    if version != ".".join(__version__.split(".")[:3]):
-        raise WrongHardware(
-            f"{backend.name}: the hardware was made by cmfpga {version}, this driver is {__version__}; "
-            f"install cmfpga {version}, or build the hardware anew"
-        )
+    if magic != ID:
+        why = f"ID reads {magic:#010x}, not {ID:#010x}; is the bitstream loaded, and is the address right?"
+        why = f"{why} {backend.hint()}".rstrip()
+    elif map_version != MAP_VERSION:
+        why = f"the hardware has version {map_version} of the register map, this driver {MAP_VERSION}"
+    elif version != ".".join(__version__.split(".")[:3]):
+        why = f"the hardware was made by cmfpga {version}, this driver is {__version__}; "
+        why += f"install cmfpga {version}, or build the hardware anew"
+    else:
+        return
+    raise WrongHardware(f"{backend.name}: {why}")
 
 
 def _hash(config):
@@ -150,9 +146,8 @@ class Control:
         deadline = time.monotonic() + timeout
         while self.status("INPUT_PENDING"):
             if time.monotonic() > deadline:
-                raise DeviceTimeout(
-                    f"{self.backend.name}: the kind of input does not change within {timeout:g} s: {self.diagnosis()}"
-                )
+                why = f"the kind of input does not change within {timeout:g} s: {self.diagnosis()}"
+                raise DeviceTimeout(f"{self.backend.name}: {why}")
 
     def write_settings(self, settings, ends):
         """:class:`BatchSettings` of the batches that begin from now on, or where windows slide of the next run.

@@ -51,10 +51,8 @@ class AcceleratorEngine(Engine):
         top.check_batchwise()
         words, most = encode(events, top.form), top.backend.max_words
         if len(words) > most and not self.config.slides:
-            raise DeviceError(
-                f"a batch of {len(words)} words: one transfer of {top.backend.name} has at most "
-                f"{most}; smaller batches, or a larger buffer, are needed"
-            )
+            why = f"one transfer of {top.backend.name} has at most {most}"
+            raise DeviceError(f"a batch of {len(words)} words: {why}; smaller batches, or a larger buffer, are needed")
         try:
             return self._slide(events, words, settings) if self.config.slides else self._batch(events, words, settings)
         except BaseException:

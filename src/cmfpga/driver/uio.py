@@ -186,7 +186,7 @@ class UioBackend(DmaBackend):
         )
         with contextlib.ExitStack() as opened:  # all of them, or none
             parts = [opened.enter_context(contextlib.closing(make(part, root=root))) for make, part in makers]
-            opened.pop_all()
+            self._parts = opened.pop_all()
         super().__init__(*parts, board=board)
 
     def wait_interrupt(self, timeout):
@@ -208,6 +208,4 @@ class UioBackend(DmaBackend):
         return f"To look at: grep {self._board.uio_registers} /proc/interrupts"
 
     def close(self):
-        super().close()
-        self._registers.close()
-        self._dma.close()
+        self._parts.close()

@@ -36,7 +36,8 @@ def emit_verilog(core, name=TOP):
 
     The other modules' names begin with that. Of the configuration only the hardware fields matter.
     """
-    ports = [*core.inputs.values(), *core.outputs.values()]
+    signals = {**core.inputs, **core.outputs}
+    ports = [*signals.values()]
     # The Yosys that comes with Amaranth: another one orders and names things differently.
     with environment({"AMARANTH_USE_YOSYS": "builtin", **cache_environment("wasmtime")}), _rare_collection():
         fragment = Fragment.get(core, None)
@@ -48,7 +49,6 @@ def emit_verilog(core, name=TOP):
     text = _plain_module_names(text, name)
     kinds = "|".join(sorted({kind for port in ports for kind in port.attrs}))
     text = re.sub(rf"^ *\(\* (?:{kinds}) = .*? \*\)\n", "", text, flags=re.MULTILINE) if kinds else text
-    signals = {**core.inputs, **core.outputs}
     described = {
         port: (meaning, signals[port].attrs if port in signals else {}) for port, meaning in comments(core).items()
     }
@@ -72,9 +72,8 @@ def cache_folder():
         return folder
     if given:
         what = "written" if folder.is_dir() else "made"
-        raise ConfigError(
-            f"{folder}: cannot be {what}, for compiled simulators: {refusal}; CMFPGA_CACHE may name another folder"
-        )
+        why = f"cannot be {what}, for compiled simulators: {refusal}"
+        raise ConfigError(f"{folder}: {why}; CMFPGA_CACHE may name another folder")
     return _temporary_folder(folder)
 
 

@@ -135,20 +135,10 @@ class VerilatedCore:
     def play(self, batches, settings, *, gaps=None, stalls=None, keep_pixels=False, max_cycles=None):
         """Batches without a pause between them: the next one is offered while results are awaited.
 
-        Parameters
-        ----------
-        batches : list of (t, x, y)
-            Events, int64 arrays; at least one per batch.
-        settings : list of dict of str to int
-            Of each batch, all settings inputs by name.
-        gaps : int array, optional
-            Idle cycles before each event of all batches is offered.
-        stalls : list of int, optional
-            Clock cycles for which each result is left waiting.
-        keep_pixels : bool
-            Return what every sweep read.
-        max_cycles : int, optional
-            Give up after these; by default twice what the batches can take one after the other.
+        ``batches`` are (t, x, y), int64 arrays, of one event or more each; ``settings`` has of each all settings inputs
+        by name. ``gaps`` are idle cycles before each event of all batches is offered, ``stalls`` those for which each
+        result is left waiting. It gives up after ``max_cycles``, by default twice what the batches can take one after
+        the other.
 
         Returns
         -------
@@ -157,8 +147,8 @@ class VerilatedCore:
             ``accepted`` (events taken), as the test bench counted them.
         traces : list of int64 arrays [T, 7]
             Of each batch the trace ports of every iteration, or evaluation, in the order of ``trace_names``.
-        pixels : int64 array [T, P/4, 12], or None
-            I, Dx, Dy of banks 0 to 3 in the order of the sweep, of all batches.
+        pixels : int64 array [T, P/4, 12], or None without ``keep_pixels``
+            What every sweep read: I, Dx, Dy of banks 0 to 3 in the order of the sweep, of all batches.
         """
         plans = [max(int(row.get(name, 0)) for name in ("iterations", "cold_count", "warm_count")) for row in settings]
         stalls = [0] * len(batches) if stalls is None else stalls
