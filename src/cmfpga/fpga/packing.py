@@ -128,25 +128,20 @@ def _pack_inputs(cells, cell, factors, drivers, sources):
 
     ``sources``: what a register may have a bit from.
     """
-    wires, registers, found = cell["connections"], {}, {}
+    wires, kinds, registers = cell["connections"], {}, []
     for factor in factors:
-        pins = {f"{factor}{bit}": wires[f"{factor}{bit}"][0] for bit in range(18) if wires.get(f"{factor}{bit}")}
-        own = {pin: drivers.get(bit) for pin, bit in pins.items() if bit not in ("0", "x")}
-        kinds = {_kind(cells.get(name)) for name in own.values()}
-        if len(kinds) != 1 or None in kinds:
+        bits = {f"{factor}{bit}": (wires.get(f"{factor}{bit}") or ["0"])[0] for bit in range(18)}
+        pins = [pin for pin, bit in bits.items() if bit not in ("0", "x")]
+        kinds[factor] = _kind(cells.get(drivers.get(bits[pins[0]]))) if pins else None
+        found = kinds[factor] and _registers(cells, [(wires, pin) for pin in pins], kinds[factor], drivers, sources)
+        if not found:
             return set()
-        (found[factor],) = kinds
-        registers |= own
-    clocks = {kind.clock for kind in found.values()} | {bit for bit in wires.get("CLK0", ()) if bit != "0"}
-    if len(clocks) > 1:
+        registers += found
+    if len({kind.clock for kind in kinds.values()} | {bit for bit in wires.get("CLK0", ()) if bit != "0"}) > 1:
         return set()
-    before = {pin: cells[name]["connections"]["DI"][0] for pin, name in registers.items()}
-    if any(cells.get(drivers.get(bit), {"type": None})["type"] not in sources for bit in before.values()):
-        return set()
-    for factor, kind in found.items():
+    for factor, kind in kinds.items():
         _set(cell, f"INPUT{factor}", kind)
-    wires |= {pin: [bit] for pin, bit in before.items()}
-    return set(registers.values())
+    return _skip(registers)
 
 
 def _move_behind(cells, name, sinks, drivers, new):
