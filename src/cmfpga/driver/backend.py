@@ -17,26 +17,13 @@ class Backend(ABC):
     """Registers, words in, packets out, and the interrupt of one AXI top.
 
     Nothing waits without an end: what may wait takes a time-out in seconds (0: look once).
-
-    Attributes
-    ----------
-    name : str
-        For messages.
-    has_interrupt : bool
-        Whether :meth:`wait_interrupt` can be used; otherwise the driver polls.
-    form : str
-        Words that events are best encoded into, a key of :data:`cmfpga.protocol.registers.FORMATS`.
-    max_words : int
-        Most 64-bit words of one :meth:`send`.
-    config : Config or None
-        What hardware this is, where the back end knows.
     """
 
-    name = ""
-    config = None
-    has_interrupt = True
-    form = "PACKED"
-    max_words = 1 << 62
+    name = ""  #: for messages
+    config = None  #: what hardware this is, a Config, where the back end knows
+    has_interrupt = True  #: whether :meth:`wait_interrupt` can be used; otherwise the driver polls
+    form = "PACKED"  #: words that events are best encoded into, a key of :data:`cmfpga.protocol.registers.FORMATS`
+    max_words = 1 << 62  #: most 64-bit words of one :meth:`send`
 
     @abstractmethod
     def read32(self, offset):
@@ -48,17 +35,9 @@ class Backend(ABC):
 
     @abstractmethod
     def send(self, words):
-        """Begin to send words to ``s_axis``, with TLAST at the end; returns at once.
+        """Begin to send words, 1 to :attr:`max_words` uint64, to ``s_axis``, with TLAST at the end; returns at once.
 
-        Parameters
-        ----------
-        words : uint64 array
-            1 to :attr:`max_words` of them.
-
-        Raises
-        ------
-        DeviceError
-            The transfer before it is still under way.
+        Raises :exc:`DeviceError`: the transfer before it is still under way.
         """
 
     @abstractmethod
@@ -159,15 +138,10 @@ class Channel:
 class DmaBackend(Backend):
     """Registers by memory-mapped accesses, streams by an AXI DMA.
 
-    Parameters
-    ----------
-    registers, dma : object
-        ``read32(offset)`` and ``write32(offset, value)`` of the accelerator, and of the DMA.
-    events, results : object
-        Memory that hardware and software see, for words to, and packets from, the accelerator: ``address`` for the
-        hardware, ``size`` in bytes, ``write(words)`` puts uint64 words at its begin, ``read(count)`` gives the first
-        ones as the hardware wrote them, ``close()`` gives it back.
-    board : AxiBoard
+    ``registers`` and ``dma`` have ``read32(offset)`` and ``write32(offset, value)``. ``events`` and ``results`` are
+    memory that hardware and software see, for words to, and packets from, the accelerator: ``address`` for the
+    hardware, ``size`` in bytes, ``write(words)`` puts uint64 words at its begin, ``read(count)`` gives the first ones
+    as the hardware wrote them, ``close()`` gives it back. ``board`` is an :class:`~cmfpga.boards.AxiBoard`.
     """
 
     #: Seconds that the DMA may take for its reset.

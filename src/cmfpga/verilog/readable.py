@@ -26,18 +26,10 @@ _START = "at_start"
 
 
 def readable(text, top, ports, notes):
-    """All modules of ``text``, in order, as a person would write them.
+    """All modules of ``text``, as Yosys writes them and in that order, as a person would write them.
 
-    Parameters
-    ----------
-    text : str
-        Modules as Yosys writes them, without anything between.
-    top : str
-        Name of the module that ``ports`` belong to.
-    ports : dict of str to (str, dict)
-        Of the top module, in order: a comment, and attributes.
-    notes : dict of str to (list of str, dict of str to str)
-        By module: lines of its comment, and what its ports are for.
+    ``ports`` are those of the module ``top``, in order: ``{name: (comment, {attribute: value})}``. ``notes`` of each
+    module are lines of its comment, and what its ports are for: ``{module: ([line], {port: text})}``.
     """
     text = re.sub(r"^ *\(\* full_case = 32'd1 \*\)\n", "", text, flags=re.MULTILINE)
     text = re.sub(r":\n +/\* empty \*/;", ": ;", text)

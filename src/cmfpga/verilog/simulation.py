@@ -39,14 +39,9 @@ def _zeros(*shape):
 class VerilatedCore:
     """One simulated core, driven batch by batch.
 
-    Parameters
-    ----------
-    config : Config
-        Hardware fields choose the library; it is compiled on first use and kept in the user's cache.
-    seed : int
-        Of the random contents that memories and reset-less registers start with.
-    core : VerilogCore, optional
-        The core of this configuration, where it has further outputs, such as :class:`cmfpga.show.wave.WaveCore`.
+    Hardware fields of ``config`` choose the library, which is compiled on first use and kept in the user's cache.
+    Memories and reset-less registers start with random contents from ``seed``. ``core`` is the core of this
+    configuration where it has further outputs, such as :class:`cmfpga.show.wave.WaveCore`.
 
     Attributes
     ----------
