@@ -61,8 +61,6 @@ class Accelerator:
         self.form = form or backend.form
         self.control.check_form(self.form)
         self.engine = AcceleratorEngine(self)
-        self._streaming = False
-        self._last_batch, self._every = 0, 1  # the second: of so many results one is sent
         self.reset()
 
     # ---------------------------------------------------------------- batch by batch
@@ -255,8 +253,7 @@ class Accelerator:
             self._check_time(deadline, f"the reset has no effect ({self.control.diagnosis()})")
         self.backend.stop()
         self.control.usual_state(interrupt=self.interrupt)
-        self._streaming, self._every = False, 1
-        self._last_batch = 0
+        self._streaming, self._every, self._last_batch = False, 1, 0  # the second: of so many results one is sent
         self.engine.forget()
 
     def self_test(self, *, timeout=None):

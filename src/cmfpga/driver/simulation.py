@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import DeviceError, DeviceTimeout
 from ..rtl.axi.top import AxiTop
-from ..verilog.compile import compile_axi_library, load
+from ..verilog.compile import compile_library, load
 from .accelerator import Accelerator
 from .backend import Backend
 
@@ -27,7 +27,7 @@ CYCLES, INTERRUPT, PACKET, SENT = range(4)
 
 @functools.cache  # it takes seconds to find out that nothing is to be compiled
 def _library(config):
-    library = load(compile_axi_library(AxiTop(config)))
+    library = load(compile_library(AxiTop(config)))
     library.axi_new.restype = ctypes.c_void_p
     for name in ("axi_unsent", "axi_take", "axi_cycles"):
         getattr(library, name).restype = ctypes.c_int64

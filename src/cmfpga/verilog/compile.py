@@ -22,18 +22,15 @@ TABLES = ("schedule", "mask", "node", "row")
 _SCRATCH = ".scratch"
 
 
-def compile_library(core):
-    """Path of the shared library of ``core``'s Verilog, compiled unless the cache has it, undamaged.
+def compile_library(design):
+    """Path of the shared library of the Verilog of a core or AXI top, compiled unless the cache has it, undamaged.
 
     Processes that need the same one at the same time wait for the first of them, which compiles it. Raises
     :exc:`CompilerError`.
     """
-    return _library(core, top=TOP, harness=_harness("harness.cpp"), ports=_ports_include(core))
-
-
-def compile_axi_library(top):
-    """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
-    return _library(top, top=AXI_TOP, harness=_harness("axi_harness.cpp"))
+    if isinstance(design, AxiTop):
+        return _library(design, top=AXI_TOP, harness=_harness("axi_harness.cpp"))
+    return _library(design, top=TOP, harness=_harness("harness.cpp"), ports=_ports_include(design))
 
 
 def load(path):
