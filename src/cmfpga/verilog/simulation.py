@@ -127,13 +127,15 @@ class VerilatedCore:
         """Free the simulation. Safe to call twice."""
         self._free()
 
-    def play(self, batches, settings, *, gaps=None, stalls=None, keep_pixels=False, max_cycles=None):
+    def play(
+        self, batches, settings, *, gaps=None, stalls=None, open_end=False, keep_pixels=False, max_cycles=None
+    ):  # fmt: skip
         """Batches without a pause between them: the next one is offered while results are awaited.
 
         ``batches`` are (t, x, y), int64 arrays, of one event or more each; ``settings`` has of each all settings inputs
         by name. ``gaps`` are idle cycles before each event of all batches is offered, ``stalls`` those for which each
-        result is left waiting. It gives up after ``max_cycles``, by default twice what the batches can take one after
-        the other.
+        result is left waiting. With ``open_end`` no last event is marked: the core must end each batch. It gives up
+        after ``max_cycles``, by default twice what the batches can take one after the other.
 
         Returns
         -------
@@ -152,7 +154,7 @@ class VerilatedCore:
             for (t, _, _), plan in zip(batches, plans, strict=True):
                 max_cycles += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan) + 1000
         values, trace, pixels, offered = self._drive(
-            batches, settings, gaps, stalls, sum(plans), max_cycles, keep_pixels=keep_pixels
+            batches, settings, gaps, stalls, sum(plans), max_cycles, open_end=open_end, keep_pixels=keep_pixels
         )
         for row, cycle in zip(values, offered, strict=True):
             row["offered"] = cycle
