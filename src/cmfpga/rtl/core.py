@@ -38,8 +38,6 @@ class Core(Iterating, Block):
 
     Parameters
     ----------
-    config : Config
-        Everything.
     skips : bool
         Events outside the ROI may come several at once (:func:`payloads.event`), while ``far``.
 

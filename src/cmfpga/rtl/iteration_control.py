@@ -48,7 +48,6 @@ class IterationControl(Block):
 
     Parameters
     ----------
-    config : Config
     replay_delay : int
         Cycles from ``complete`` to the next replay.
     move, settle : int

@@ -50,7 +50,6 @@ class Ascent(Block):
 
     Parameters
     ----------
-    config : Config
     target_bits : int or None
         Width of what v would be if it were not limited; None where it has been.
     members : dict

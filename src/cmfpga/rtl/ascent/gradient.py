@@ -21,7 +21,6 @@ class Gradient(Block):
 
     Parameters
     ----------
-    config : Config
     lead : int
         Cycles by which the plain sums are final before ``valid``, :attr:`lead` or more.
 

@@ -38,11 +38,6 @@ class RoiUpdater(Block):
     A bit of the gain is multiplied a cycle, because a move happens once a batch. It takes :attr:`latency` cycles, until
     ``corner.roi_next`` shows it :attr:`settle` cycles.
 
-    Parameters
-    ----------
-    config : Config
-        Sensor and ROI size, formats, ``buffers``.
-
     Members
     -------
     new_batch, load : ``In(1)``

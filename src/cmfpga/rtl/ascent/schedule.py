@@ -22,11 +22,6 @@ class Schedule(Block):
     ``stride`` is ahead: that of the entry that comes next, because its replay begins before v is known. An entry out
     of range is limited, and flagged.
 
-    Parameters
-    ----------
-    config : Config
-        ``schedule_entries``, ``max_level``, ``v``.
-
     Members
     -------
     write : ``In``, flow of :func:`payloads.schedule_write`

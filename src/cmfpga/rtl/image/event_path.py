@@ -14,10 +14,6 @@ from .warp import Warp
 class EventPath:
     """Dither, where there is one, or placer, scaler, warp and voter, or in place of these evaluators; an event a cycle.
 
-    Parameters
-    ----------
-    config : Config
-
     Attributes
     ----------
     blocks : dict

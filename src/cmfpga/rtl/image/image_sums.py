@@ -13,7 +13,6 @@ class ImageSums(Block):
 
     Parameters
     ----------
-    config : Config
     in_flight : int
         Events that may still come after ``room`` has gone away.
     pixels : bool

@@ -30,11 +30,6 @@ class OnePassGradient(Block):
     One event per cycle; the sums are valid :attr:`latency` cycles after the last votes enter the accumulator, and ΣI,
     ΣDx and ΣDy final :attr:`lead` cycles earlier at the latest.
 
-    Parameters
-    ----------
-    config : Config
-        Widths.
-
     Members
     -------
     votes : ``In``, flow of :func:`payloads.votes`

@@ -21,7 +21,6 @@ class TimeScaler(Block):
 
     Parameters
     ----------
-    config : Config
     event : StructLayout, optional
         Of a window that slides: ``t``, signed with a bit more, ``x``, ``y`` and ``last``.
 

@@ -75,7 +75,6 @@ class IngestControl(Block):
 
     Parameters
     ----------
-    config : Config
     drain : int
         Cycles from the acceptance of an event until it is counted in the event buffer.
     skips : bool

@@ -34,7 +34,6 @@ class RoiFilter(Block):
 
     Parameters
     ----------
-    config : Config
     size : (int, int), optional
         Columns and rows, by default the ROI's.
     skips : bool

@@ -40,7 +40,6 @@ class ResultPacket(Block):
 
     Parameters
     ----------
-    config : Config
     registers : RegisterMap
 
     Members

@@ -24,7 +24,6 @@ class Settings(Block):
 
     Parameters
     ----------
-    config : Config
     registers : RegisterMap
 
     Members

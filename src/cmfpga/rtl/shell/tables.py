@@ -214,7 +214,6 @@ class ScheduleStore(Block):
 
     Parameters
     ----------
-    config : Config
     register : Register
         The array of entries.
 

@@ -33,10 +33,6 @@ class HopControl(Block):
     One event per cycle; latency :attr:`latency` cycles. A hop's end costs two cycles, and three where it closes by
     time.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     i : ``In``, stream of :func:`payloads.undistorted_event`

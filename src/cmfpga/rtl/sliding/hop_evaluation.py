@@ -60,7 +60,6 @@ class HopEvaluation(Block):
 
     Parameters
     ----------
-    config : Config
     replay_delay : int
         Cycles from ``complete`` to the next replay.
     move : int

@@ -29,10 +29,6 @@ class Placer(Block):
     The dither goes on from event to event, from the phase that the walker gives.
     One event per cycle; latency :attr:`latency` cycles.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     i : ``In``, flow of :func:`.ring.ring_event`, and ``last``

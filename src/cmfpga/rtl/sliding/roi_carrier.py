@@ -18,10 +18,6 @@ class RoiCarrier(Block):
     A bit of ``since`` is multiplied a cycle, because a move happens once a hop: :attr:`latency` cycles from ``move``
     until what follows from it is there.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     load : ``In(1)``

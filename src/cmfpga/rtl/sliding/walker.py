@@ -28,10 +28,6 @@ class Walker(Block):
     on. From ``go`` on its read port is the walker's; of d events that are still to be dropped then, ``done`` is d +
     :attr:`latency` cycles after it.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     closed : ``In(1)``
