@@ -239,12 +239,7 @@ def tagged_operation(config):
 
 def tagged_step(config):
     """What a tagged bank did: I before, what was added, and the pixel after."""
-    return layout(
-        valid=1,
-        i=pixel(config)["i"].shape,
-        add=tagged_operation(config)["add"].shape,
-        total=pixel(config),
-    )
+    return layout(valid=1, i=pixel(config)["i"].shape, add=tagged_operation(config)["add"].shape, total=pixel(config))
 
 
 def of_width(width, fraction, signed=True):

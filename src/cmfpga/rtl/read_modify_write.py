@@ -94,11 +94,7 @@ class ReadModifyWrite(Block):
             ]
             after, statements = self.changed(name, base[name], operation_s2.add)
             m.d.comb += statements
-            m.d.sync += [
-                read_s2[name].eq(read.data),
-                total[3][name].eq(after),
-                self.o.payload[name].eq(base[name]),
-            ]
+            m.d.sync += [read_s2[name].eq(read.data), total[3][name].eq(after), self.o.payload[name].eq(base[name])]
         with m.If(operation_s2.clear):
             m.d.sync += total[3].eq(0)
         m.d.sync += self.o.valid.eq(valid[2])

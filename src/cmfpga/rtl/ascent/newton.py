@@ -176,10 +176,7 @@ class NewtonAscent(ScheduledAscent):
             with m.Case(k + 4):
                 m.d.sync += [kept_y.eq(cross_y), cross_x.eq(second)]
                 m.d.sync += det.eq(det_before + Mux(damps, more, 0))
-                m.d.sync += [
-                    damped_xx.eq(xx + Mux(damps, trace >> 3, 0)),
-                    damped_yy.eq(yy + Mux(damps, trace >> 3, 0)),
-                ]
+                m.d.sync += [damped_xx.eq(xx + Mux(damps, trace >> 3, 0)), damped_yy.eq(yy + Mux(damps, trace >> 3, 0))]
             with m.Case(k + 7):
                 m.d.sync += [over["x"].eq((first << 1) - kept_y), over["y"].eq((second << 1) - cross_x)]
         return peak, det, over

@@ -78,10 +78,7 @@ class SignAscent(ScheduledAscent):
         whole, half = ways(step, ""), ways(step >> 1, "_halved")
         parts, negative_s1 = -(-len(g) // 4), register(1, "negative_s1")
         some_s1 = register(4, "some_s1")
-        m.d.sync += [
-            negative_s1.eq(g[-1]),
-            some_s1.eq(Cat(g[k * parts : (k + 1) * parts].any() for k in range(4))),
-        ]
+        m.d.sync += [negative_s1.eq(g[-1]), some_s1.eq(Cat(g[k * parts : (k + 1) * parts].any() for k in range(4)))]
 
         whole, half = (Mux(negative_s1, down, up) for up, down in (whole, half))
         chosen, moves = Mux(lesser, half, whole), some_s1.any()

@@ -93,12 +93,7 @@ class Evaluators(Block):
                     placed[name] = Signal(warped[axis].shape(), name=name, reset_less=True)
                     m.d.sync += placed[name].eq(of_level(m, config, position, axis, level, name=name))
                 m.d.comb += warped[axis].eq(placed[name])
-            m.d.comb += [
-                voter.i.valid.eq(valid),
-                warped.dt.eq(dt),
-                warped.last.eq(last),
-                voter.level.eq(voted_level),
-            ]
+            m.d.comb += [voter.i.valid.eq(valid), warped.dt.eq(dt), warped.last.eq(last), voter.level.eq(voted_level)]
         for voter, o in zip(self.voters, self.o, strict=True):
             connect(m, voter.o, wiring.flipped(o))
         if config.evaluators == 1:

@@ -68,11 +68,7 @@ class EventPath:
             scaler.mantissa.eq(reciprocal.mantissa),
         ]
         if evaluators := self.blocks.get("evaluators"):
-            m.d.comb += [
-                evaluators.centre.eq(v),
-                evaluators.distance.eq(ascent.distance),
-                evaluators.level.eq(level),
-            ]
+            m.d.comb += [evaluators.centre.eq(v), evaluators.distance.eq(ascent.distance), evaluators.level.eq(level)]
         else:
             warp, voter = self.blocks["warp"], self.blocks["voter"]
             m.d.comb += [warp.v.eq(v), warp.level.eq(level), voter.level.eq(level)]

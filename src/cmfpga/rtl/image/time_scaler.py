@@ -70,10 +70,7 @@ class TimeScaler(Block):
         m.d.sync += numerator_s3.eq(numerator_s2 << self.shift[:2])
         # Stage 4: multiply.
         mantissa = delay(m, self.mantissa, 1, name="mantissa")  # in the multipliers' own registers
-        m.d.sync += [
-            low_s4.eq(numerator_s3[:low] * mantissa),
-            high_s4.eq(numerator_s3[low:].as_signed() * mantissa),
-        ]
+        m.d.sync += [low_s4.eq(numerator_s3[:low] * mantissa), high_s4.eq(numerator_s3[low:].as_signed() * mantissa)]
         # Stage 5: add.
         m.d.sync += product_s5.eq((high_s4 << low) + low_s4)
         # Stage 6: round.

@@ -34,13 +34,7 @@ class TimeHigh(Block):
 
     def __init__(self, config):
         super().__init__(
-            config,
-            load=In(1),
-            high=In(HIGH_BITS),
-            low=In(LOW_BITS),
-            t=Out(config.time_bits),
-            known=Out(1),
-            back=Out(1),
+            config, load=In(1), high=In(HIGH_BITS), low=In(LOW_BITS), t=Out(config.time_bits), known=Out(1), back=Out(1)
         )
 
     def elaborate(self, platform):

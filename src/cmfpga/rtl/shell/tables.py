@@ -131,10 +131,7 @@ class KnownRows(Block):
         write, known = self.write.payload, Signal.like(self.rows)
         new = write.fresh & (write.number == known)
         childless = (write.row.start != STARTS.index("parent")) | (write.row.parent < write.number)
-        m.d.comb += [
-            self.allowed.eq(((write.number < known) | new) & childless),
-            self.missing.eq(self.rows > known),
-        ]
+        m.d.comb += [self.allowed.eq(((write.number < known) | new) & childless), self.missing.eq(self.rows > known)]
         with m.If(self.opened):
             m.d.sync += known.eq(self.rows)
         with m.Elif(self.write.valid & new):
@@ -269,10 +266,7 @@ class ScheduleStore(Block):
             put.en.eq(Mux(self.bus.write.valid & mine, write.strobe[: len(put.en)], 0)),
             get.addr.eq(Mux(self.bus.read, self.bus.read_address, position)),
         ]
-        m.d.comb += [
-            self.bus.write.ready.eq(1),
-            self.bus.read_data.eq(Mux(inside(self.bus.read_address), get.data, 0)),
-        ]
+        m.d.comb += [self.bus.write.ready.eq(1), self.bus.read_data.eq(Mux(inside(self.bus.read_address), get.data, 0))]
 
         # The core.
         last = Signal(range(count))

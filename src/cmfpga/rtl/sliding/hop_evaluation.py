@@ -144,10 +144,7 @@ class HopEvaluation(Block):
             self.walk.eq(walks),
         ]
         kept = Signal()
-        m.d.comb += [
-            self.cold.eq(run.plan == COLD),
-            kept.eq(held & ~self.cold),
-        ]
+        m.d.comb += [self.cold.eq(run.plan == COLD), kept.eq(held & ~self.cold)]
         m.d.sync += [
             self.wants_verdict.eq(judges & ((run.plan == AFTER) | ~kept)),
             following.eq(self.iterations + 1),

@@ -100,13 +100,7 @@ class Walker(Block):
         m.d.sync += counts.eq((counts | delay(m, self.closed, 1, name="closed", valid=True)) & ~self.go)
         m.d.sync += [self.done.eq(0), arrived.eq((arrived << 1) | walking), self.look.eq(self.look + 1)]
         with m.If(self.go):
-            m.d.sync += [
-                walking.eq(1),
-                self.look.eq(ahead),
-                now.eq(self.now),
-                stale.eq(self.stale),
-                arrived.eq(0),
-            ]
+            m.d.sync += [walking.eq(1), self.look.eq(ahead), now.eq(self.now), stale.eq(self.stale), arrived.eq(0)]
         with m.If(drops):
             m.d.sync += [ahead.eq(ahead + 1), held.eq(held - 1), some.eq(held != 1), over.eq(held > more)]
             m.d.sync += [phase.eq(phase + factor) for phase, factor in zip(its_phases, FACTORS, strict=True)]
