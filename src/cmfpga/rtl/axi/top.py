@@ -13,8 +13,8 @@ from ..shell.shell import Shell
 from .lite_slave import CHANNELS, LiteSlave
 
 LITE_INPUTS = {
-    "awaddr": None, "awprot": 3, "awvalid": 1, "wdata": 32, "wstrb": 4, "wvalid": 1, "bready": 1,
-    "araddr": None, "arprot": 3, "arvalid": 1, "rready": 1,
+    "awaddr": ADDRESS_BITS, "awprot": 3, "awvalid": 1, "wdata": 32, "wstrb": 4, "wvalid": 1, "bready": 1,
+    "araddr": ADDRESS_BITS, "arprot": 3, "arvalid": 1, "rready": 1,
 }  # fmt: skip
 LITE_OUTPUTS = {
     "awready": 1, "wready": 1, "bresp": 2, "bvalid": 1, "arready": 1, "rdata": 32, "rresp": 2, "rvalid": 1,
@@ -22,33 +22,23 @@ LITE_OUTPUTS = {
 
 
 def _port(name, width, info, parameter=None):
-    attributes = {"X_INTERFACE_INFO": info}
-    if parameter:
-        attributes["X_INTERFACE_PARAMETER"] = parameter
-    return Signal(width, name=name, attrs=attributes)
+    parameters = {"X_INTERFACE_PARAMETER": parameter} if parameter else {}
+    return Signal(width, name=name, attrs={"X_INTERFACE_INFO": info} | parameters)
 
 
-def axi_ports(*, address_bits, data_bits):
+def axi_ports():
     """``(inputs, outputs)``, dictionaries of signals by name, in the order of the port list."""
 
-    def lite(name, width):
-        info = f"xilinx.com:interface:aximm:1.0 s_axi {name.upper()}"
-        parameter = "XIL_INTERFACENAME s_axi, PROTOCOL AXI4LITE" if name == "awaddr" else None
-        return {f"s_axi_{name}": _port(f"s_axi_{name}", width or address_bits, info, parameter)}
-
-    def axis(interface):
-        widths = {"tdata": data_bits, "tkeep": data_bits // 8, "tlast": 1, "tuser": 1, "tvalid": 1}
+    def ports(interface, kind, widths):
+        kind = f"xilinx.com:interface:{kind}:1.0 {interface}"
+        parameters = {"awaddr": "XIL_INTERFACENAME s_axi, PROTOCOL AXI4LITE"}
         return {
-            f"{interface}_{name}": _port(
-                f"{interface}_{name}", width, f"xilinx.com:interface:axis:1.0 {interface} {name.upper()}"
-            )
+            (port := f"{interface}_{name}"): _port(port, width, f"{kind} {name.upper()}", parameters.get(name))
             for name, width in widths.items()
         }
 
-    def ready(interface):
-        name = f"{interface}_tready"
-        return {name: _port(name, 1, f"xilinx.com:interface:axis:1.0 {interface} TREADY")}
-
+    ready = {"tready": 1}
+    words = {"tdata": payloads.DATA_BITS, "tkeep": payloads.KEEP_BITS, "tlast": 1, "tuser": 1, "tvalid": 1}
     inputs = {
         "aclk": _port(
             "aclk", 1, "xilinx.com:signal:clock:1.0 aclk CLK",
@@ -58,13 +48,10 @@ def axi_ports(*, address_bits, data_bits):
             "aresetn", 1, "xilinx.com:signal:reset:1.0 aresetn RST", "XIL_INTERFACENAME aresetn, POLARITY ACTIVE_LOW"
         ),
     }  # fmt: skip
-    for name, width in LITE_INPUTS.items():
-        inputs |= lite(name, width)
-    inputs |= axis("s_axis") | ready("m_axis")
-    outputs = {}
-    for name, width in LITE_OUTPUTS.items():
-        outputs |= lite(name, width)
-    outputs |= ready("s_axis") | axis("m_axis")
+    inputs |= ports("s_axi", "aximm", LITE_INPUTS)
+    inputs |= ports("s_axis", "axis", words) | ports("m_axis", "axis", ready)
+    outputs = ports("s_axi", "aximm", LITE_OUTPUTS)
+    outputs |= ports("s_axis", "axis", ready) | ports("m_axis", "axis", words)
     outputs["irq"] = _port(
         "irq", 1, "xilinx.com:signal:interrupt:1.0 irq INTERRUPT", "XIL_INTERFACENAME irq, SENSITIVITY LEVEL_HIGH"
     )
@@ -91,7 +78,7 @@ class AxiTop(Elaboratable):
 
     def __init__(self, config):
         self.config = config
-        self.inputs, self.outputs = axi_ports(address_bits=ADDRESS_BITS, data_bits=payloads.DATA_BITS)
+        self.inputs, self.outputs = axi_ports()
         self.shell = Shell(config, clock=self.inputs["aclk"])
         self.lite_slave = LiteSlave(self.shell.registers.size, self.shell.registers.nowhere)
 
