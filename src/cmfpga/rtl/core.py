@@ -123,10 +123,7 @@ class Core(Iterating, Block):
         self._scale(m, batch)
         self._ascend(m)
         self._follow(m)
-        if self.rounds:
-            self._average(m)
-        if self.config.confidence:
-            self._confide(m, batch.roi_events)
+        self._confide(m, batch.roi_events)
         self._result(m)
         return m
 

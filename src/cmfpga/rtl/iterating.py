@@ -145,10 +145,14 @@ class Iterating:
             connect(m, flipped(self.schedule_write), self.ascent.schedule_write)
 
     def _confide(self, m, events):
-        """Behind the last iteration: more replays beside v; the gradients tell. ``events`` is n."""
+        """Means of a round's sums; how sure v is, if that is measured. ``events`` is n."""
         if self.rounds:
-            self._confide_in_round(m, events)
-            return
+            self._average(m)
+        if self.config.confidence:
+            (self._confide_in_round if self.rounds else self._confide_in_probes)(m, events)
+
+    def _confide_in_probes(self, m, events):
+        """Behind the last iteration: more replays beside v; the gradients tell."""
         control, probe, judge = self.iteration_control, self.probe, self.judge
         connect(m, probe.o, self.ascent.probe)
         m.d.comb += [

@@ -11,7 +11,7 @@ from ..ingest import connect_front, make_front, write_ports
 from ..ingest.ingest_control import IngestControl
 from ..ingest.reciprocal import Reciprocal
 from ..ingest.roi_filter import RoiFilter
-from ..iterating import boxes_of
+from ..iterating import Iterating, boxes_of
 from . import payloads
 from .collector import Collector
 from .distributor import Distributor
@@ -101,10 +101,7 @@ class Regions(Block):
         several = (*self.stores[1:], *self.distributors[1:], *self.units)
         return {name: block for name, block in self.boxes.items() if block not in several} | self.units[0].blocks
 
-    @property
-    def latencies(self):
-        """Clock cycles from input to output of each block that has such a number, by name."""
-        return {name: block.latency for name, block in self.blocks.items() if hasattr(block, "latency")}
+    latencies = Iterating.latencies
 
     def cycles(self, *, roi_events, iterations, judge=None, **_):
         """Those of a region in a unit: :meth:`Unit.cycles`."""

@@ -84,10 +84,7 @@ class Unit(Iterating, Block):
         self._iterate(m, self._times, self._times)
         self.path.look_from(m, self._job)
         self._ascend(m)
-        if self.rounds:
-            self._average(m)
-        if self.config.confidence:
-            self._confide(m, self.iteration_control.handover.batch.roi_events)
+        self._confide(m, self.iteration_control.handover.batch.roi_events)
         self._say(m)
         return m
 

@@ -136,9 +136,7 @@ class SlidingCore(Iterating, Block):
         settings, unit = control.run.settings, control.unit
         self._iterate(m, SimpleNamespace(span=unit), self.reciprocal)
         self._ascend(m)
-        self._average(m)
-        if self.config.confidence:
-            self._confide(m, hop.count)
+        self._confide(m, hop.count)
 
         # The crops of the hop that is evaluated, and of the one that is taken in; where the image lies.
         crop, cropped, corner = (
