@@ -57,6 +57,11 @@ def negative_where(flag, value):
     return ((Cat(Const(1, 1), inverse) + flag) >> 1)[: len(value)].as_signed()
 
 
+def register(shape, name):
+    """A register of the datapath: no reset clears it."""
+    return Signal(shape, name=name, reset_less=True)
+
+
 def delay(m, value, cycles, *, name, valid=False):
     """``value`` as it was ``cycles`` clock cycles ago.
 

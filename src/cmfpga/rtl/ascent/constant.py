@@ -3,7 +3,7 @@
 from amaranth.hdl import Cat, Signal, signed
 
 from ...fixed import floor_shift, round_half_up
-from ..arithmetic import delay, saturate, wide_product
+from ..arithmetic import delay, register, saturate, wide_product
 from .ascent import Ascent
 
 
@@ -42,14 +42,10 @@ class ConstantAscent(Ascent):
         """Where one parameter is to go; returns, at stage 4, whether its slope was limited."""
         config = self.config
         fmt, shift = config.formats.gradient, config.widths.step_shift
-
-        def register(shape, what):
-            return Signal(shape, name=f"{what}_{name}", reset_less=True)
-
         # Stage 1: ∂C/∂v but for 1/ρ, limited to its format.
         slope = floor_shift(self.i.payload[name], config.widths.gradient_shift)
-        slope_s1 = register(signed(fmt.width), "slope_s1")
-        clipped_s1 = register(1, "clipped_s1")
+        slope_s1 = register(signed(fmt.width), f"slope_s1_{name}")
+        clipped_s1 = register(1, f"clipped_s1_{name}")
         m.d.sync += [
             slope_s1.eq(saturate(slope, fmt.min, fmt.max)),
             clipped_s1.eq((slope > fmt.max) | (slope < fmt.min)),
@@ -57,7 +53,7 @@ class ConstantAscent(Ascent):
         # Stages 2, 3: times the gain.
         product_s3 = wide_product(m, slope_s1, gain, 2, name=f"product_{name}")
         # Stage 4: round and add. Stage 5, in the velocity: limit.
-        target_s4 = register(self.velocity.target[name].shape(), "target_s4")
+        target_s4 = register(self.velocity.target[name].shape(), f"target_s4_{name}")
         m.d.sync += target_s4.eq(self.v[name] + round_half_up(product_s3, shift))
         m.d.comb += self.velocity.target[name].eq(target_s4)
         return delay(m, clipped_s1, 3, name=f"clipped_{name}")

@@ -8,7 +8,7 @@ from amaranth.lib.wiring import Out
 
 from ...config.schedule import DISTANCES
 from .. import payloads
-from ..arithmetic import delay, select
+from ..arithmetic import delay, register, select
 from .schedule import ScheduledAscent
 
 SUMS = ("x", "y", "xx", "yy", "cross")
@@ -135,14 +135,11 @@ class NewtonAscent(ScheduledAscent):
         """3 to 5: ``(peak, det, numerators)``, the first from step k + 7, the others from k + 5 and k + 8 on."""
         bits, k = self.config.widths.kept_bits, self._kept
         x, y, xx, yy, cross = (kept[name] for name in SUMS)
-
-        def register(width, name):
-            return Signal(signed(width), name=name, reset_less=True)
-
-        trace, damped_xx, damped_yy = (register(bits + 1, name) for name in ("trace", "damped_xx", "damped_yy"))
-        det_before, more, det = (register(2 * bits + 2, name) for name in ("det_before", "more", "det"))
+        narrow, wide = signed(bits + 1), signed(2 * bits + 2)
+        trace, damped_xx, damped_yy = (register(narrow, name) for name in ("trace", "damped_xx", "damped_yy"))
+        det_before, more, det = (register(wide, name) for name in ("det_before", "more", "det"))
         damps, peak = Signal(reset_less=True), Signal(reset_less=True)
-        over = {axis: register(2 * bits + 1, f"over_{axis}") for axis in "xy"}
+        over = {axis: register(signed(2 * bits + 1), f"over_{axis}") for axis in "xy"}
         program = {
             k: ((xx, yy), (cross, cross)),
             k + 1: ((trace, trace), (cross, y)),
@@ -154,15 +151,15 @@ class NewtonAscent(ScheduledAscent):
             with m.If(step == when - 1):
                 m.d.sync += which.eq(number)
         for number in range(2):
-            one, other = (register(bits + 1, f"factor_{number}_{n}") for n in range(2))
+            one, other = (register(narrow, f"factor_{number}_{n}") for n in range(2))
             m.d.sync += [
                 factor.eq(select(which, [factors[number][n] for factors in program.values()]))
                 for n, factor in enumerate((one, other))
             ]
             products.append(delay(m, one * other, 1, name=f"product_{number}"))
         first, second = products
-        cross_y, cross_x = delay(m, second, 1, name="cross_y"), register(2 * bits + 2, "cross_x")
-        kept_y = register(2 * bits + 2, "kept_y")
+        cross_y, cross_x = delay(m, second, 1, name="cross_y"), register(wide, "cross_x")
+        kept_y = register(wide, "kept_y")
         m.d.sync += trace.eq(xx + yy)
         # From step k + 7 on, in two stages: it is not asked for before the division has ended. Without a trace there is
         # no positive determinant.

@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Const, Mux, Signal
 from amaranth.lib.wiring import Out
 
 from .. import payloads
-from ..arithmetic import delay
+from ..arithmetic import delay, register
 from .schedule import ScheduledAscent
 
 
@@ -57,27 +57,23 @@ class SignAscent(ScheduledAscent):
     def _target(self, m, name, fmt, lesser):
         """Where one parameter is to go; returns whether that was limited."""
         v, g = self.v[name], self.i.payload[name]
-
-        def register(shape, what):
-            return Signal(shape, name=f"{what}_{name}", reset_less=True)
-
         # Long before the gradient: v up and down, because v and the step stand.
-        step = register(self.config.formats.v.width - 1, "step")
+        step = register(self.config.formats.v.width - 1, f"step_{name}")
         m.d.sync += step.eq(1 << self.schedule.shift)
 
         def ways(step, size):
             """Both, and whether they are beyond the format."""
             found = []
             for way, target in (("up", v + step), ("down", v - step)):
-                found.append(Cat(register(v.shape(), way + size), register(1, f"beyond_{way}{size}")))
+                found.append(Cat(register(v.shape(), f"{way}{size}_{name}"), register(1, f"beyond_{way}{size}_{name}")))
                 over = target[fmt.width - 1 :]
                 m.d.sync += found[-1].eq(Cat(target[: fmt.width], over.any() & ~over.all()))
             return found
 
         # Stage 1: sign, and which parts of G are zero. Stage 2: choose, and limit.
         whole, half = ways(step, ""), ways(step >> 1, "_halved")
-        parts, negative_s1 = -(-len(g) // 4), register(1, "negative_s1")
-        some_s1 = register(4, "some_s1")
+        parts, negative_s1 = -(-len(g) // 4), register(1, f"negative_s1_{name}")
+        some_s1 = register(4, f"some_s1_{name}")
         m.d.sync += [negative_s1.eq(g[-1]), some_s1.eq(Cat(g[k * parts : (k + 1) * parts].any() for k in range(4)))]
 
         whole, half = (Mux(negative_s1, down, up) for up, down in (whole, half))

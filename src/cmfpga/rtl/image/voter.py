@@ -5,7 +5,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, floor_shift, half_of, round_half_up
 from .. import Block, payloads
-from ..arithmetic import delay, negative_where, partial_products, select
+from ..arithmetic import delay, negative_where, partial_products, register, select
 
 
 class BilinearVoter(Block):
@@ -48,9 +48,6 @@ class BilinearVoter(Block):
         dt, fx, fy = event.dt, event.x[:frac], event.y[:frac]
 
         # Stage 1: products.
-        def register(shape, name):
-            return Signal(shape, name=name, reset_less=True)
-
         fx_fy_s1 = register(2 * frac, "fx_fy_s1")
         # dt·fx, dt·fy: in LUTs as two terms, which stage 2 adds, so that no stage has adders in a row.
         small = frac <= 4

@@ -1,7 +1,5 @@
 """Named layouts of what travels between the store, the table of regions and the units."""
 
-from amaranth.lib import data
-
 from ...config.regions import PAGE_EVENTS
 from ...fixed import Q, bits_for
 from ...protocol.regions import row_shape
@@ -37,17 +35,15 @@ def region_trace(config):
     return layout(region=config.store.number_bits, **trace(config).members)
 
 
-def position(config):
-    """Left column and top row of a region, with the fraction bits that make its moves exact."""
-    geometry, frac = config.geometry, config.v_frac + config.roi_gain_frac
-    axes = {"x": geometry.x_bits, "y": geometry.y_bits}
-    return data.StructLayout({axis: Fixed(Q(bits, frac, signed=False)) for axis, bits in axes.items()})
-
-
 def state(config):
-    """What is kept of a region between batches; ``turn`` is that of the last batch that it was measured in."""
+    """What is kept of a region between batches; ``turn`` is that of the last batch that it was measured in.
+
+    ``position``: left column and top row, with the fraction bits that make its moves exact.
+    """
+    geometry, frac = config.geometry, config.v_frac + config.roi_gain_frac
+    x, y = (Fixed(Q(bits, frac, signed=False)) for bits in (geometry.x_bits, geometry.y_bits))
     flags = dict.fromkeys(("followed", "doubtful", "turn"), 1)
-    return layout(position=position(config), v=velocity(config), **flags)
+    return layout(position=layout(x=x, y=y), v=velocity(config), **flags)
 
 
 def times(config):
