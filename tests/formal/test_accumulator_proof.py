@@ -118,7 +118,9 @@ def test_proof_finds(harness, mutant):
 
 @pytest.mark.parametrize("mutant", SLICED_MEMORY, ids=str)
 def test_proof_finds_in_deep_banks(mutant, monkeypatch):
-    monkeypatch.setattr(tagged_accumulator, "SHALLOW", 4)
-    monkeypatch.setattr(tagged_accumulator, "SlicedMemory", mutant.module().SlicedMemory)
-    outcome = solve(TaggedBankHarness(tagged_accumulator.TaggedBank(tiny(6, 4))), "bmc", MUTANT_CYCLES)
+    sliced_memory = mutant.module()
+    monkeypatch.setattr(sliced_memory, "SHALLOW", 4)
+    monkeypatch.setattr(tagged_accumulator, "memory_of", sliced_memory.memory_of)
+    harness = TaggedBankHarness(tagged_accumulator.TaggedBank(tiny(6, 4)))
+    outcome = solve(harness, "bmc", MUTANT_CYCLES)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

@@ -20,6 +20,16 @@ def slices(bits, depth, style="auto"):
     return {f"ram_{low}": (low, min(low + width, bits)) for low in range(0, bits, width)}
 
 
+def memory_of(shape, depth, attrs):
+    """A :class:`SlicedMemory` where a block RAM holds fewer words, else a plain one.
+
+    Not so in UltraRAM, which has 4,096 words of 72 bits and registers of its own between one RAM and the next.
+    """
+    if depth > SHALLOW and attrs.get("ram_style") != "ultra":
+        return SlicedMemory(shape, depth, attrs)
+    return memory.Memory(shape=shape, depth=depth, init=[], attrs=attrs, src_loc_at=1)  # named as where it is called
+
+
 class SlicedMemory(Block):
     """A memory as :class:`amaranth.lib.memory.Memory`, without contents, with one port to read and one to write.
 
@@ -45,6 +55,12 @@ class SlicedMemory(Block):
         self._depth, self._attrs = depth, attrs
         ports = {"addr_width": ceil_log2(depth), "shape": shape}
         super().__init__(read=Out(memory.ReadPort.Signature(**ports)), write=Out(memory.WritePort.Signature(**ports)))
+
+    def write_port(self):
+        return self.write
+
+    def read_port(self):
+        return self.read
 
     def elaborate(self, platform):
         m = Module()

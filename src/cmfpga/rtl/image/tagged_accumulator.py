@@ -1,11 +1,11 @@
 """Tagged accumulator: four banks of wide words that never need clearing between iterations."""
 
 from amaranth.hdl import Const, Module, Mux, Signal
-from amaranth.lib import data, memory
+from amaranth.lib import data
 from amaranth.lib.wiring import In, Out
 
 from .. import Block, payloads
-from .sliced_memory import SHALLOW, SlicedMemory
+from .sliced_memory import memory_of
 
 
 class TaggedBank(Block):
@@ -32,16 +32,12 @@ class TaggedBank(Block):
     ----------
     word : :class:`StructLayout`
         Of its memory.
-    deep : bool
-        The memory is a :class:`~cmfpga.rtl.image.sliced_memory.SlicedMemory`: a block RAM holds fewer words. Not so in
-        UltraRAM, which has 4,096 words of 72 bits and registers of its own between one RAM and the next.
     """
 
     latency = 4
 
     def __init__(self, config):
         self.word = data.StructLayout({**payloads.pixel(config).members, "tag": config.tag_bits})
-        self.deep = config.geometry.bank_depth > SHALLOW and config.ram_style != "ultra"
         super().__init__(
             config,
             i=In(payloads.flow(payloads.tagged_operation(config))),
@@ -52,14 +48,9 @@ class TaggedBank(Block):
         config = self.config
         m = Module()
         pixel = payloads.pixel(config)
-        word = self.word
         style = {} if config.ram_style == "auto" else {"ram_style": config.ram_style}
-        if self.deep:
-            m.submodules.ram = ram = SlicedMemory(word, config.geometry.bank_depth, style)
-            write, read = ram.write, ram.read
-        else:
-            m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.bank_depth, init=[], attrs=style)
-            write, read = ram.write_port(), ram.read_port()
+        m.submodules.ram = ram = memory_of(self.word, config.geometry.bank_depth, style)
+        write, read = ram.write_port(), ram.read_port()
 
         first = self.i.payload
         valid = [self.i.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 5)]

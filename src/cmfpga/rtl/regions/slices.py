@@ -1,12 +1,12 @@
 """Slices: windows that overlap, each made of the last slices of events."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import memory, stream
+from amaranth.lib import stream
 from amaranth.lib.wiring import In, Out
 
 from .. import Block
 from .. import payloads as common
-from ..image.sliced_memory import SHALLOW, SlicedMemory
+from ..image.sliced_memory import memory_of
 
 
 class Slices(Block):
@@ -42,13 +42,9 @@ class Slices(Block):
         m = Module()
         kept = Signal(common.event(config), reset_less=True)
         shape, depth = len(kept.as_value()) - 1, config.slices * config.slice_events
-        if config.store_style == "auto" and depth > SHALLOW:
-            m.submodules.ring = ring = SlicedMemory(shape, depth, {})
-            write, read = ring.write, ring.read
-        else:
-            style = {"ram_style": config.store_style} if config.store_style == "ultra" else {}
-            m.submodules.ring = ring = memory.Memory(shape=shape, depth=depth, init=[], attrs=style)
-            write, read = ring.write_port(), ring.read_port()
+        style = {"ram_style": config.store_style} if config.store_style == "ultra" else {}
+        m.submodules.ring = ring = memory_of(shape, depth, style)
+        write, read = ring.write_port(), ring.read_port()
 
         def after(place):
             return Mux(place == depth - 1, 0, place + 1)

@@ -1,14 +1,14 @@
 """Store: takes a batch's events in, bin by bin, and reads the bins of the one before."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import data, memory, stream
+from amaranth.lib import data, stream
 from amaranth.lib.wiring import In, Out
 
 from ...config.regions import PAGE_EVENTS
 from ...fixed import bits_for
 from .. import Block
 from ..arithmetic import delay
-from ..image.sliced_memory import SHALLOW, SlicedMemory
+from ..image.sliced_memory import memory_of
 from ..payloads import flow
 from ..read_modify_write import ReadModifyWrite
 from .payloads import bin_entry, stored_event
@@ -101,12 +101,8 @@ class Half(Block):
         write, read = {}, {}
         for name, (shape, depth) in memories.items():
             style = {"ram_style": config.store_style} if (name, config.store_style) == ("events", "ultra") else {}
-            if depth > SHALLOW and not style:
-                m.submodules[name] = ram = SlicedMemory(shape, depth, {})
-                write[name], read[name] = ram.write, ram.read
-            else:
-                m.submodules[name] = ram = memory.Memory(shape=shape, depth=max(2, depth), init=[], attrs=style)
-                write[name], read[name] = ram.write_port(), ram.read_port()
+            m.submodules[name] = ram = memory_of(shape, max(2, depth), style)
+            write[name], read[name] = ram.write_port(), ram.read_port()
 
         # Clear: a word a cycle.
         clearing, at = Signal(), Signal(range(max(2, store.bins)))

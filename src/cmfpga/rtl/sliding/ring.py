@@ -1,13 +1,12 @@
 """Ring: keeps the newest events of the ROI, and replays a window of them while others are written."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import memory
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from .. import Block, payloads
 from ..arithmetic import delay
-from ..image.sliced_memory import SHALLOW, SlicedMemory
+from ..image.sliced_memory import memory_of
 
 
 def ring_event(config):
@@ -83,12 +82,8 @@ class Ring(Block):
     def elaborate(self, platform):
         m = Module()
         event, depth = ring_event(self.config), 1 << address_bits(self.config)
-        if depth > SHALLOW:
-            m.submodules.events = events = SlicedMemory(event, depth, {})
-            write, read = events.write, events.read
-        else:
-            m.submodules.events = events = memory.Memory(shape=event, depth=depth, init=[])
-            write, read = events.write_port(), events.read_port()
+        m.submodules.events = events = memory_of(event, depth, {})
+        write, read = events.write_port(), events.read_port()
 
         # Written a cycle after it came.
         m.d.sync += [write.en.eq(self.i.valid), write.data.eq(self.i.payload)]
