@@ -7,7 +7,6 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from ..config.regions import check_one_region
 from ..protocol.flags import Flag
 from ..protocol.results import fields_of, thins
-from ..protocol.settings import by_signs
 from . import Block, payloads
 from .arithmetic import is_short
 from .ascent.roi_updater import RoiUpdater
@@ -270,7 +269,4 @@ class Core(Iterating, Block):
     @property
     def cycle_formula(self):
         """:meth:`cycles` as text."""
-        if by_signs(self.config):
-            return f"N + {self.iterated_formula(self.batch_latency)}"
-        each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
-        return f"N + T·(n + {each}) + {self.batch_latency}"
+        return f"N + {self.iterated_formula(self.batch_latency)}"

@@ -4,6 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib.wiring import connect, flipped
 
 from ..config.schedule import ScheduleEntry, used_events
+from ..protocol.settings import by_signs
 from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
@@ -99,8 +100,10 @@ class Iterating:
         return votes + len(plan) * (self.sweep_cycles + self.iteration_latency) + more
 
     def iterated_formula(self, beside):
-        """The same as text, where a schedule says which events are used, and ``beside`` cycles more."""
+        """:meth:`iterated_cycles` as text, and ``beside`` cycles more."""
         each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
+        if not by_signs(self.config):  # no schedule says which events are used
+            return f"T·(n + {each}) + {beside}"
         each = f"({each})" if self.sweep_cycles else each
         if self.rounds:
             events = "4·n" if self.config.geometry.turn_bits else "n"
@@ -161,7 +164,7 @@ class Iterating:
             probe.iterating.eq(control.iterating),
             probe.complete.eq(control.complete),
             probe.v.eq(self.ascent.v),
-            probe.sums.valid.eq(delay(m, self.image.sums.valid, self.image.squares_late, name="summed", valid=True)),
+            probe.sums.valid.eq(self.image.sums.valid),
             probe.sums.payload.eq(self.image.sums.payload),
             probe.squares.eq(self.image.squares),
             judge.i.valid.eq(self.gradient.o.valid & control.probing),

@@ -32,7 +32,7 @@ class ImageSums(Block):
         One item an iteration; the payload stays until the next iteration's first vote. Of a round's four evaluations
         four items, in successive cycles.
     squares : ``Out``, :func:`payloads.squares`
-        Σ I², :attr:`squares_late` cycles after ``sums``. Only where v's confidence is measured.
+        Σ I², with ``sums``. Only where v's confidence is measured.
     next : ``In(1)``
         v has been updated: what comes now is another iteration.
     clear, cleared : ``In(1)``, ``Out(1)``
@@ -46,8 +46,6 @@ class ImageSums(Block):
         Cycles from ``complete`` to the last item of ``sums``.
     lead : int
         ΣI and ΣD are final so many cycles before ``sums``, :attr:`Gradient.lead` or more.
-    squares_late : int
-        Cycles from ``sums`` to ``squares``, for which nobody waits.
     sweep_cycles : int
         Cycles from an iteration's last vote to ``complete``, if there is always room.
     blocks : dict
@@ -55,7 +53,6 @@ class ImageSums(Block):
     """
 
     lead = 3
-    squares_late = 0
     sweep_cycles = 0
 
     def __init__(self, config, *, in_flight, pixels=False, images=1):
