@@ -75,6 +75,15 @@ def delay(m, value, cycles, *, name, valid=False):
     return value
 
 
+def carry(m, block, *names):
+    """``valid`` and these members from ``i`` to ``o``, in the block's latency."""
+    cycles, given = block.latency - 1, block.i.payload
+    m.d.sync += [
+        block.o.valid.eq(delay(m, block.i.valid, cycles, name="valid", valid=True)),
+        *(block.o.payload[name].eq(delay(m, given[name], cycles, name=name)) for name in names),
+    ]
+
+
 def small_product(value, factor):
     """``value · factor`` (``factor`` unsigned, a few bits) in LUTs, where a DSP would be wasted: a tree of adders.
 

@@ -93,8 +93,8 @@ def test_moments(name, rng, monkeypatch):
     """Iterations one behind the other, of events and of cycles without one; increments as large as can be."""
     config = SHAPES[name]
     motion = config.motion_model
-    shape, top = payloads.growth(config), config.max_level
-    block = Moments(config, shape)
+    top = config.max_level
+    block = Moments(config)
     most = config.widths.growth_max
     script, wanted = [], []
     for events in (1, 2, 30, 5):

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 from ...config.dither import DITHER_BITS, FACTORS
 from ...config.schedule import STRIDES
 from .. import Block, payloads
-from ..arithmetic import delay, select
+from ..arithmetic import carry, delay, select
 
 
 class Dither(Block):
@@ -55,10 +55,7 @@ class Dither(Block):
             place, offset = event_s1 << (wide - formats.event_frac), delay(m, phase[-frac:], 1, name=f"offset_{axis}")
             offset = Cat(Const(0, wide - frac), offset) if wide > frac else offset
             m.d.sync += self.o.payload[axis].eq(place + offset - (1 << (wide - 1)))
-        m.d.sync += [
-            self.o.valid.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
-            *(self.o.payload[name].eq(delay(m, event[name], 1, name=name)) for name in ("t", "last")),
-        ]
+        carry(m, self, "t", "last")
         return m
 
     def _sequence(self, m, axis, factor):

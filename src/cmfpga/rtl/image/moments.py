@@ -25,8 +25,6 @@ class Moments(Block):
     ----------
     config : Config
         A motion with a basis.
-    growth : shape
-        Of an event's increment along an axis.
 
     Members
     -------
@@ -45,8 +43,8 @@ class Moments(Block):
 
     latency = 3
 
-    def __init__(self, config, growth):
-        far = {}
+    def __init__(self, config):
+        growth, far = payloads.growth(config), {}
         if config.motion_model.of_pixels:
             line = data.StructLayout({"p": growth, "q": growth})
             far = {"far": In(data.StructLayout({"x": line, "y": line})), "level": In(bits_for(config.max_level))}

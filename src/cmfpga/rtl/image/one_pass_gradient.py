@@ -51,9 +51,7 @@ class OnePassGradient(Block):
         self._waits = int(config.ascent_rule.evaluations > 1)
         self._adds = int(config.evaluators > 1)
         self._stages = self._waits + self._adds + 4  # multiply, add pairs, add both kinds of products, total
-        self.moments = None
-        if config.motion_model.basis:
-            self.moments = Moments(config, payloads.growth(config))
+        self.moments = Moments(config) if config.motion_model.basis else None
         self.latency = accumulator_latency + self._stages + (Moments.latency - 1 if self.moments else 0)
         #: Cycles by which the plain sums, which take two, are final before the sums of products.
         self.lead = self.latency - 2

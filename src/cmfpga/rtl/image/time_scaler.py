@@ -5,7 +5,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, round_half_up
 from .. import Block, payloads
-from ..arithmetic import delay
+from ..arithmetic import carry, delay
 
 
 class TimeScaler(Block):
@@ -78,13 +78,7 @@ class TimeScaler(Block):
         dt = round_half_up(product_s5, fraction)
         m.d.sync += self.o.payload.dt.eq(self._limited(m, numerator_s1, dt) if self._slides else dt)
 
-        m.d.sync += [
-            self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
-            *(
-                self.o.payload[name].eq(delay(m, self.i.payload[name], self.latency - 1, name=name))
-                for name in ("x", "y", "last")
-            ),
-        ]
+        carry(m, self, "x", "y", "last")
         if self.config.motion_model.basis:
             m.d.comb += self.o.payload.basis.eq(self.basis)
         return m
