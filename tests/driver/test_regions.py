@@ -18,6 +18,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import packet_beats
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, split_packets
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import follow
@@ -84,6 +85,17 @@ def test_any_table_and_any_batches_equal_the_model(compiler, config, seed):
                 found |= {region.v for region in result.regions}
             regions = some_changed(config, rng, regions) if rng.random() < 0.6 else random_regions(config, rng)
     assert len(found) > 1 and {len(v) for v in found} == {len(config.motion_model.names)}
+
+
+def test_a_row_that_is_told_begins_anew(accelerator, rng):
+    model, chosen, places = model_of(CONFIG), BatchSettings.from_config(CONFIG), []
+    for anew in ((), (), {0}):
+        accelerator.write_regions(TABLE, anew), model.write(TABLE, anew)
+        window = clouds(rng)
+        result = accelerator.run(events_of(window), settings=chosen)
+        same(result, model.run(*window, chosen))
+        places.append(result.regions[0].roi)
+    assert places[0] == places[2] == (TABLE[0].x, TABLE[0].y) != places[1]
 
 
 @pytest.mark.parametrize("seed", range(3))

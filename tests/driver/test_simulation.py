@@ -12,6 +12,7 @@ from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, MemoryRecording, open_recording
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import formats_of
 from cmfpga.protocol.results import counts_of
 from cmfpga.protocol.settings import BatchSettings
@@ -126,6 +127,24 @@ def test_batches_of_the_article_equal_the_model(compiler, rng):
         assert differences(result, model_run(model, events, config=config)) == []
         assert accelerator.counters()["overflow"] == result.overflow > 0
         assert accelerator.self_test()["golden batch"].endswith("as the integer model")
+
+
+def test_every_setting_reaches_the_hardware(accelerator, rng):
+    """Settings one after the other, without a reset: what is not written again must be as it was."""
+    model = ModelEngine(CONFIG)
+    changes = (
+        {}, {"min_roi_events": 60}, {"thinning": 3}, {"thin_target": 8}, {"roi_gain": 1.0},
+        {"start": "given", "v_start_x": -1.5, "v_start_y": 2.0}, {"start": "zero"},
+        {"cold": "1:1:1*3", "warm": "0:3/4:1/4"}, {"start": "given", "v_start_x": 0.5, "cold": "0:1:1 1:2:2"}, {},
+    )  # fmt: skip
+    seen = Flag(0)
+    for number, change in enumerate(changes):
+        settings = BatchSettings.from_config(CONFIG.replace(**change), (8, 4) if number == 0 else None)
+        events = batch(rng, 180, begin=1000 * number)
+        result = accelerator.run(events, settings=settings)
+        assert differences(result, model.run(events, settings)[0]) == []
+        seen |= result.flags
+    assert Flag.THINNED | Flag.DEGENERATE in seen
 
 
 def test_a_batch_without_events(accelerator, rng):

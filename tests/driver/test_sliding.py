@@ -98,6 +98,20 @@ def test_runs_equal_the_model(accelerator, rng):
     assert count["batches"] == results and count["events_taken"] == taken == late + sum(count[name] for name in FATES)
 
 
+def test_filters_of_noise(compiler, rng):
+    """What they drop is in the hops' results, and in counters of its own."""
+    config = CONFIG.replace(hot_pixels=1, background=1, background_cell=3, hot_mask="7,5;20,11", background_us=30)
+    given, events = BatchSettings.from_config(config, CORNER), object_of(rng)
+    events.x[::9], events.y[::9] = 7, 5
+    with Accelerator(SimulationBackend(config)) as accelerator:
+        found = accelerator.run(events, settings=given)
+        found += accelerator.stop()
+        alike(found, ModelEngine(config).run(events, given), least=1)
+        count = accelerator.counters()
+    for name in ("hot", "noise"):
+        assert count[name] == sum(getattr(one, name) for one in found) > 20
+
+
 def test_a_stream_with_stalls_and_pauses(accelerator, rng):
     """Written while it runs, other settings than lengths are those of the next run; what nobody takes is counted."""
     other = {"roi": (3, 5), "follow": "", "thinning": 2}

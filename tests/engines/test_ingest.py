@@ -144,6 +144,17 @@ def test_without_a_camera_it_is_the_hardware_without_undistortion(rng):
         assert one.run(events, settings)[0] == other.run(events, settings)[0]
 
 
+def test_what_leaves_the_sensor_is_counted(verilated):
+    """The corners of a barrel's image lie outside of the undistorted one."""
+    config = CONFIGS["paper"].replace(camera=CAMERA)
+    roi = config.geometry.roi_x_max, config.geometry.roi_y_max
+    corner = np.full(30, config.sensor_width - 1), np.full(30, config.sensor_height - 1)
+    events = Events(np.arange(30) * 10, *corner, np.zeros(30))
+    for changes, counts in (({}, (30, 0)), ({"camera": ()}, (0, 30))):
+        result = verilated(config).run(events, settings_of(config, roi, **changes))[0]
+        assert (result.outside, result.roi_events) == counts
+
+
 def test_a_reset_leaves_the_table(verilated, rng):
     config = CONFIGS["fast"].replace(camera=",".join(map(repr, LENS)))
     engine, settings = verilated(config), BatchSettings.from_config(config, (10, 10))

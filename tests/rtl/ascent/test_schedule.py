@@ -131,3 +131,15 @@ def test_only_entries_that_are_used_are_flagged(rng):
     player.batch(4, 3, [0, 2, 0])
     player.batch(6, 1, [3])
     assert player.check()[1] == {0}
+
+
+def test_the_flag_stays_until_the_next_batch(rng):
+    config = SIGNS["similarity"]
+    player = Player(config, rng)
+    player.write(0, {"level": 3, "shift": 1, "stride": 0})
+    for address in (1, 2, 3):
+        player.write(address, {"level": 2, "shift": address, "stride": 2})
+    player.batch(0, 4, [0, 1, 0, 1])  # the first is limited, the others are not
+    player.batch(1, 3, [0, 0, 0])
+    used, flags = player.check()
+    assert used == [(2, 1), (2, 1), (2, 2), (2, 3), (2, 1), (2, 2), (2, 3)] and flags == {0, 1}

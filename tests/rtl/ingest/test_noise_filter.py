@@ -101,6 +101,17 @@ def through(block, batches, rng, probability, *, before, start, hot=None):
     return recording.values()
 
 
+def noise(config, batches, rng, probability=0.0, *, hot=None, used=()):
+    """Play batches through a background filter that is cleared before the first, after the script ``used``."""
+    block = BackgroundFilter(config)
+    clear = [*used, {"clear": 1}, *[{}] * (config.geometry.cell_depth + block.latency)]
+    return through(
+        block, batches, rng, probability, hot=hot,
+        before=lambda number, _: [] if number else clear,
+        start=lambda settings: {"period": settings.background_us},
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("gap", GAPS)
 @pytest.mark.parametrize("name", SHAPES)
 def test_hardware_and_model_are_as_defined(name, gap, rng):
@@ -122,12 +133,7 @@ def test_hardware_and_model_are_as_defined(name, gap, rng):
     assert [bool(value["hot"]) for value in came] == [mark for marks in hot for mark in marks]
 
     used = [{"i.valid": 1, "i.payload": {"t": k, "x": k % 3, "y": 0, "last": 0, "hot": 0}} for k in range(40)]
-    block = BackgroundFilter(config)
-    clear = [*used, {"clear": 1}, *[{}] * (config.geometry.cell_depth + block.latency)]
-    came = through(
-        block, batches, rng, GAPS[gap], hot=hot, before=lambda number, _: [] if number else clear,
-        start=lambda settings: {"period": settings.background_us},
-    )  # fmt: skip
+    came = noise(config, batches, rng, GAPS[gap], hot=hot, used=used)
     assert [(bool(value["hot"]), bool(value["noise"])) for value in came] == [m for marks in wanted for m in marks]
 
 
@@ -149,3 +155,30 @@ def test_cleared_after_exactly_one_sweep():
     cells = config.geometry.cell_depth
     recording = play(BackgroundFilter(config), [{"clear": 1}, *[{}] * (cells + 4)], watch=["cleared"])
     assert recording.watch["cleared"] == [0] * (cells + 1) + [1] * 4
+
+
+def test_background_without_a_mask(rng):
+    """The block has no mark to look at."""
+    config = SHAPES["odd"].replace(hot_pixels=0)
+    settings = dataclasses.replace(BatchSettings.from_config(config), background_us=5)
+    batches = [([0, 2, 3, 100, 104, 110], [8, 8, 9, 9, 9, 8], [4] * 6, settings)]
+    came = noise(config, batches, rng)
+    # Alone; the same pixel; supported; too late; the same pixel, 9's neighbour last at 2; supported 6 µs ago: too late.
+    assert [value["noise"] for value in came] == [1, 1, 0, 1, 1, 1]
+    assert [mark for _, mark in by_definition(config, batches)[0]] == [1, 1, 0, 1, 1, 1]
+    assert NoiseFilter(config).judge(*batches[0])[1].tolist() == [1, 1, 0, 1, 1, 1]
+
+
+@pytest.mark.parametrize("distance", range(1, 8))
+def test_support_reaches_exactly_as_far_as_it_says(distance, rng):
+    """Two events so many cycles apart: each forwarding register, and the RAM behind them; 7 µs is enough, 8 is not."""
+    config = SHAPES["odd"]
+    settings = dataclasses.replace(BatchSettings.from_config(config), background_us=7)
+    others = [(30, 20 + k) for k in range(distance - 1)]  # of other cells, or of none
+    for late in (7, 8):
+        events = [(0, 8, 4), *((0, x, y) for x, y in others), (late, 9, 4)]
+        model = NoiseFilter(config).judge(*(np.array(column) for column in zip(*events, strict=True)), settings)
+        batch = (*map(list, zip(*events, strict=True)), settings)
+        came = noise(config, [batch], rng, hot=[[0] * len(events)])
+        assert [value["noise"] for value in came] == model[1].tolist()
+        assert came[-1]["noise"] == (late == 8)

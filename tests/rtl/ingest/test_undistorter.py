@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config, preset
+from cmfpga.errors import ConfigError
 from cmfpga.imaging.camera import Camera, node_table, node_writes, undistort
 from cmfpga.rtl.ingest import undistorter
 from support.bench import GAPS, check_latency, flow_script, play
@@ -160,3 +161,10 @@ def test_a_finer_table_and_finer_fractions_come_closer():
         for cell, frac in ((5, 4), (4, 4), (3, 4), (2, 6))
     ]
     assert means == sorted(means, reverse=True) and means[-1] < 0.009
+
+
+def test_a_distortion_without_inverse_is_refused():
+    with pytest.raises(
+        ConfigError, match=r"^camera: f = 100, 100 px, centre 120, 90 px, k1 = -0\.9: no ray is seen at "
+    ):
+        node_table(preset("fast").replace(**ON), (100.0, 100.0, 120.0, 90.0, -0.9, 0.0, 0.0, 0.0, 0.0))

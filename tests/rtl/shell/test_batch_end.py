@@ -1,5 +1,6 @@
 """Batch end against its model: batches end by count, duration, TLAST and command, and no event is lost."""
 
+import numpy as np
 import pytest
 
 from cmfpga.config import Config
@@ -172,3 +173,10 @@ def test_mutants(mutant, monkeypatch, rng):
     tokens = some_tokens(rng, count, **kind)
     with pytest.raises(AssertionError):
         check(tokens, name, "both", rng, busy=0)
+
+
+def test_the_tokens_are_worth_it(rng):
+    tokens = some_tokens(rng, 300, jumps=0.05)
+    batches, _, empty = split_batches(CONFIG, tokens, ENDS["all"])
+    assert empty > 1 and len({len(t) for t, *_ in batches}) > 3
+    assert np.sum([len(t) for t, *_ in batches]) > 200
