@@ -16,18 +16,27 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl import core
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.iteration_control import IterationControl
+from support import core_batches
 from support.bench import Repeated
 from support.core import Batch, check_core, drive_core
 from support.core_batches import CONFIGS, FLOWS, PLANS, centered, moving_points, random_batch, run, settings, spread
 
 
-@pytest.mark.parametrize("flow", FLOWS)  # stalls alone: below
+@pytest.mark.parametrize("flow", ["free", "gaps", "both"])  # stalls alone: below
 @pytest.mark.parametrize("name", CONFIGS)
 def test_matches_model(name, flow, rng):
     """Batches back to back without a reset, with different sizes, ROIs and settings: state that leaks is found."""
     config = CONFIGS[name]
     batches = [random_batch(config, rng, bad_times=0.15 * (k % 2)) for k in range(10)]
     run(config, batches, rng, **FLOWS[flow], eager=flow in ("free", "both"))
+
+
+@pytest.mark.parametrize("name", ["two", "two, one pass", "fast"])
+def test_two_buffers_give_the_same_whenever_a_batch_comes(name, rng):
+    """Results are the model's, which knows neither gaps nor stalls, nor whether the next batch is offered early."""
+    batches = [random_batch(CONFIGS[name], rng) for _ in range(8)]
+    for flow, eager in itertools.product(FLOWS.values(), (True, False)):
+        run(CONFIGS[name], batches, rng, **flow, eager=eager)
 
 
 @pytest.mark.parametrize("name", ["two", "fast"])
@@ -196,6 +205,30 @@ def test_length_by_count_and_cut(rng):
     assert [Flag.CUT in result.flags for result in results] == [False, True, False, False, False, False]
 
 
+def test_overflow_is_counted(rng):
+    """A buffer that is exactly full is no overflow; one event more is."""
+    config = CONFIGS["small"]
+    full = config.buffer_events
+    counts = full, full + 1, full - 1, config.max_batch_events
+    results, _ = run(config, [spread(config, rng, count, iterations=1) for count in counts], rng)
+    assert [result.overflow for result in results] == [0, 1, 0, config.max_batch_events - full]
+
+
+@pytest.mark.parametrize("buffers", [1, 2])
+def test_strides_and_thinning(buffers, rng):
+    """As many events as a stride needs, one less, one more; and twice to four times the buffer."""
+    config = CONFIGS["similarity"].replace(buffer_events=520, max_batch_events=2100, buffers=buffers)
+    (plan,) = core_batches.plans("similarity", "2:1/4 0:-1/2 1:0/4*2")
+    same = {"cold": plan, "warm": plan[:2], "roi_gain": 0, "judge": 0}
+    batches = [
+        spread(config, rng, count, **same, **({"roi": None} if number % 2 else {}))
+        for number, count in enumerate((511, 513, 256, 2079, 255, 1041, 700))
+    ]
+    results, _ = run(config, batches, rng, eager=buffers == 1)
+    assert [result.roi_events for result in results] == [511, 513, 256, 520, 255, 261, 350]
+    assert [result.thinning_used for result in results] == [1, 1, 1, 4, 1, 4, 2]
+
+
 @pytest.mark.parametrize("name", ["small", "two"])
 @pytest.mark.parametrize("flow", ["free", "both"])
 def test_a_batch_ends_with_its_roi_events(name, flow, rng):
@@ -218,10 +251,39 @@ def test_a_batch_ends_with_its_roi_events(name, flow, rng):
     assert [result.roi_events for result in results] == counts
 
 
+def test_thinning_follows_its_target(rng):
+    """The factor of a batch is the one that its predecessor would have needed; without a target, the one given."""
+    config = CONFIGS["small"].replace(buffer_events=20)
+    batches = [
+        spread(config, rng, count, thin_target=target, thinning=3, iterations=1)
+        for count, target in ((40, 20), (40, 20), (80, 20), (10, 20), (30, 0), (30, 20), (30, 20))
+    ]
+    results, _ = run(config, batches, rng)
+    # 40 in 3; 2 for 40 events; still 2 for the 80, which overflow; 4 for those; by hand twice; 2 for 30.
+    assert [result.roi_events for result in results] == [14, 20, 20, 3, 10, 10, 15]
+    assert [result.overflow for result in results] == [0, 0, 20, 0, 0, 0, 0]
+
+
 def test_result_waits(rng):
     """A result that waits for long holds (``drive_core`` compares each cycle), and the next batch is not taken up."""
     config = CONFIGS["small"]
     run(config, [spread(config, rng, 10, iterations=1) for _ in range(3)], rng, stall=0.97)
+
+
+def test_settings_are_taken_with_the_first_event(rng):
+    config = CONFIGS["small"]
+    eta = config.formats.eta.raw(4.0)
+    changes = [
+        {"iterations": 4, "eta": eta},
+        {"iterations": 1, "eta": 0, "start_last": False, "v_start": (-4096, 8192)},
+        {"iterations": 2, "eta": eta, "roi": (3, 4), "roi_gain": 63},
+        {"iterations": 3, "roi": None, "roi_gain": 0, "min_roi_events": 9},
+        {"iterations": 3, "roi": (24, 18), "start_last": False, "v_start": (99, -99)},
+    ]
+    batches = [spread(config, rng, 20, **change) for change in changes]
+    for eager in (True, False):
+        results, _ = run(config, batches, rng, eager=eager)
+        assert len({result.v for result in results}) > 3
 
 
 @functools.cache
@@ -292,6 +354,14 @@ def at_moment(core, moment):
         }[moment]
 
     return come
+
+
+def test_power_up_state(rng):
+    """Before any batch: no result, and the first batch starts from v = 0 and the ROI at the sensor's origin."""
+    config = CONFIGS["small"]
+    points = moving_points(config, rng, 40, span=900, around=(8, 6))
+    results, outcomes = run(config, [Batch(events=points, settings=settings(config))], rng, eager=False, gap=0.9)
+    assert outcomes[0].trace[0]["v"] == {"x": 0, "y": 0} and results[0].roi == (0, 0)
 
 
 def test_only_our_own_blocks_may_be_asked_for_numbers_without_a_warning():

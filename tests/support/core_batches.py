@@ -72,7 +72,7 @@ CONFIGS = {
     "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
 }  # fmt: skip
 
-FLOWS = {"free": {}, "gaps": {"gap": 0.4}, "both": {"gap": 0.4, "stall": 0.8}}
+FLOWS = {"free": {}, "gaps": {"gap": 0.4}, "stalls": {"stall": 0.8}, "both": {"gap": 0.4, "stall": 0.8}}
 
 
 def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
