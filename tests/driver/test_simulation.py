@@ -14,7 +14,7 @@ from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, MemoryRecording, open_recording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import formats_of
-from cmfpga.protocol.results import counts_of
+from cmfpga.protocol.results import COUNTS, counts_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, read_raw, swap_halves
 from cmfpga.reference.wire import BatchEnds, to_beats
@@ -147,6 +147,26 @@ def test_every_setting_reaches_the_hardware(accelerator, rng):
     assert Flag.THINNED | Flag.DEGENERATE in seen
 
 
+def test_flags_and_counters_account_for_every_event(accelerator, rng):
+    model = ModelEngine(CONFIG)
+    sizes = (2, 700, 90)
+    totals = dict.fromkeys(COUNTS, 0)
+    for number, size in enumerate(sizes):
+        events = batch(rng, size, begin=1000 * number)
+        if number == 2:
+            events.t[40:45] -= 900  # time steps back
+        result = accelerator.run(events, roi=(8, 4))
+        assert differences(result, model_run(model, events, (8, 4))) == []
+        for name in totals:
+            totals[name] += getattr(result, name)
+    assert totals["thinned"] and totals["time_back"] and not totals["overflow"]  # a full buffer thins out what it holds
+    count = accelerator.counters()
+    assert count["events_in"] == count["events_taken"] == sum(sizes) == sum(totals.values())
+    assert count["batches"] == len(sizes) and {name: count[name] for name in totals} == totals
+    accelerator.clear_counters()
+    assert accelerator.counters()["events_in"] == 0
+
+
 def test_a_batch_without_events(accelerator, rng):
     """It never reaches the hardware, and its ROI waits for the next one."""
     model = ModelEngine(CONFIG)
@@ -233,7 +253,8 @@ def test_stop_without_events_and_with_too_many(accelerator, top, rng):
     top.limit(send=60)
     accelerator.send(encode(batch(rng, 100), "PACKED"))  # the rest never comes
     top.run(2000)
-    assert [result.events for result in accelerator.stop()] == [60]
+    results = accelerator.stop()
+    assert [result.events for result in results] == [60]
     top.limit()
     events = batch(rng, 80)
     assert differences(accelerator.run(events, roi=(8, 4)), model_run(ModelEngine(CONFIG), events, (8, 4))) == []
@@ -278,7 +299,8 @@ def test_a_file_of_evt30(compiler, data_dir):
                 accelerator.backend.top.run(1000)
                 counts = accelerator.counters()
             (result,) = accelerator.results(1) if len(events) == size else accelerator.stop()
-            assert differences(result, model_run(model, events, None if number else (1040, 290), config)) == []
+            roi = None if number else (1040, 290)
+            assert differences(result, model_run(model, events, roi, config)) == []
             assert result.t_first == events.t[0] and result.roi_events > 100
         assert number == 10 and counts["events_in"] == counts["events_taken"] + 1 == recording.extent()[0] == 219_596
         assert counts["other_words"] == 1 and not counts["format_errors"] + counts["time_high_back"]

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from studies.crosscheck.batches import random_events, random_settings
 
 from cmfpga import engines
+from cmfpga.config import preset
 from cmfpga.engines import ENGINES, make_engine
 from cmfpga.engines.model import ModelEngine
 from cmfpga.engines.rtl import AmaranthEngine, VerilatedEngine
@@ -14,11 +16,14 @@ from cmfpga.events import Events
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.results import COUNTS
+from cmfpga.protocol.settings import BatchSettings
+from support.designs import HARDWARE
 from support.small_core import CONFIG, engine_of, make_events, settings, without_cycles
 
 
 @pytest.fixture(params=ENGINES)
 def engine(request):
+    """Each of the three engines, without a batch yet."""
     return request.getfixturevalue("verilated_engine") if request.param == "rtl" else make_engine(request.param, CONFIG)
 
 
@@ -106,6 +111,41 @@ def test_the_float_engine_crops_and_counts_the_same(lives, name):
     np.testing.assert_allclose(floating.trace.sum_i[0], compiled.trace.sum_i[0] / one, atol=0.3)
     np.testing.assert_allclose(floating.trace.s[0], compiled.trace.s[0] / one**2, atol=2)
     assert floating.events == sum(getattr(floating, count) for count in COUNTS)
+
+
+def test_random_batches(verilated_engine, rng):
+    """Verilog and model through many batches with random settings, v and the ROI carried over."""
+    model = ModelEngine(CONFIG)
+    seen = Flag(0)
+    for index in range(60):
+        chosen, roi = random_settings(CONFIG, rng, model.places[0])
+        _, events = random_events(CONFIG, rng, roi)
+        compiled, expected = (engine.run(events, chosen)[0] for engine in (verilated_engine, model))
+        assert without_cycles(compiled) == expected, f"batch {index}"
+        assert verilated_engine.places == model.places == [expected.roi_next]
+        seen |= expected.flags
+    assert set(seen) == set(Flag) - {Flag.CUT, Flag.SCHEDULE, Flag.DOUBTFUL, Flag.SHORT}
+
+
+def test_amaranth_simulates_the_fast_hardware_too(rng):
+    """Rounds, levels, dither, one pass; schedules that change. (Its Verilog: tests/verilog/simulation.)"""
+    config = preset("fast").replace(
+        **HARDWARE, cold="2:2:2*2 1:1:1 0:3/4:1/2", warm="1:1:1 0:3/4:1/4", cold_after_doubtful=0, roi_gain=0.0
+    )
+    simulated, model = AmaranthEngine(config), ModelEngine(config)
+    other = config.replace(cold="0:1:1*3", warm="0:3/4:1/2*5 1:1:1/4")
+    results = []
+    for fields, roi, count in (
+        (config, (8, 8), 60), (config, None, 60), (other, None, 0), (other, None, 90), (config, (9, 7), 70),
+        (other.replace(start="zero"), None, 80),
+    ):  # fmt: skip
+        events = make_events(rng, count)
+        result = simulated.run(events, BatchSettings.from_config(fields, roi))[0]
+        assert without_cycles(result) == model.run(events, BatchSettings.from_config(fields, roi))[0]
+        results.append(result)
+    assert [result.iterations for result in results] == [4, 2, 0, 6, 4, 3]  # a new ROI starts cold
+    assert all(result.flags & ~(Flag.ROI_CLAMPED | Flag.DOUBTFUL) == Flag(0) for result in results if result.events)
+    assert all((result.cycles is None) == (not result.events) for result in results)
 
 
 def test_names(engine):

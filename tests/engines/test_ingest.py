@@ -13,7 +13,7 @@ from cmfpga.engines import make_engine
 from cmfpga.engines.rtl import AmaranthEngine, VerilatedEngine
 from cmfpga.events import Events
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.results import counts_of
+from cmfpga.protocol.results import counts_of, fields_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.image import dither, warp
 from cmfpga.rtl.ingest import roi_filter
@@ -38,6 +38,7 @@ LENSES = {
 }
 CONFIGS = FILTERS | LENSES
 LENS = (44.0, 43.0, 21.0, 20.5, -0.3, 0.08, 0.002, -0.001, 0.01)
+CAMERA = ",".join(map(repr, LENS))
 
 pytestmark = pytest.mark.usefixtures("compiler")
 
@@ -156,7 +157,7 @@ def test_what_leaves_the_sensor_is_counted(verilated):
 
 
 def test_a_reset_leaves_the_table(verilated, rng):
-    config = CONFIGS["fast"].replace(camera=",".join(map(repr, LENS)))
+    config = CONFIGS["fast"].replace(camera=CAMERA)
     engine, settings = verilated(config), BatchSettings.from_config(config, (10, 10))
     _, events = random_events(config, rng, (10, 10), "random_everywhere")
     found = []
@@ -164,3 +165,19 @@ def test_a_reset_leaves_the_table(verilated, rng):
         found.append(dataclasses.replace(engine.run(events, settings)[0], cycles=None))
         engine._core.reset()
     assert found[0] == found[1] and found[0].outside
+
+
+def test_behind_the_axi_top(rng):
+    """The table is written through registers, again where the camera changes, and after a reset."""
+    config, roi, off = CONFIGS["paper"], (0, 0), 0
+    names = [f.name for f in fields_of("batch", "region", config=config) if f.name != "cycles"]
+    with contextlib.closing(make_engine("axi", config)) as axi:
+        model = make_engine("model", config)
+        for number, lens in enumerate((LENS, LENS, (), LENS, (*LENS[:4], 0.2, *LENS[5:]))):
+            settings, roi = random_settings(config, rng, roi)
+            settings = dataclasses.replace(settings, roi=roi, camera=lens, iterations=1)
+            events = random_events(config, rng, roi)[1]
+            found, wanted = axi.run(events, settings)[0], model.run(events, settings)[0]
+            assert [getattr(found, name) for name in names] == [getattr(wanted, name) for name in names], number
+            off += found.outside
+    assert off

@@ -17,7 +17,8 @@ def random_events(rng, width, height, n):
     x, y = rng.integers(width, size=n).astype(float), rng.integers(height, size=n).astype(float)
     border = rng.random(n) < 0.2
     x[border] = rng.choice([0, width - 1], border.sum())
-    if rng.random() < 0.5:
+    dithered = rng.random() < 0.5
+    if dithered:
         x, y = x + rng.uniform(-0.5, 0.5, n), y + rng.uniform(-0.5, 0.5, n)
     dt = rng.uniform(-1, 1, n)
     if n > 1:
@@ -28,6 +29,14 @@ def random_events(rng, width, height, n):
 def random_velocity(rng, width, height):
     """Mostly within the ROI's size, sometimes so large that most events are warped outside."""
     return rng.uniform(-1, 1, 2) * (width, height) * rng.choice([0.1, 0.5, 3])
+
+
+def interior_events(rng, n=50, width=20, height=12):
+    """Events that stay 2 px away from the border for |v| ≤ 2."""
+    return rng.integers(4, width - 4, n), rng.integers(4, height - 4, n), rng.uniform(-1, 1, n)
+
+
+# -------------------------------------------------------------------- equations as loops
 
 
 def check_equations(module, rng, cases=8, levels=(0, 1, 2, 3)):
@@ -76,6 +85,9 @@ def test_transcription_notices(mutant, rng):
         check_equations(module, rng, cases=2, levels=(0, 1))
 
 
+# -------------------------------------------------------------------- gradient
+
+
 @pytest.mark.parametrize("level", [0, 1, 2])
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_gradient_equals_autograd(width, height, level, rng):
@@ -94,21 +106,35 @@ def test_gradient_equals_autograd(width, height, level, rng):
         torch.testing.assert_close(it.contrast, c.detach(), rtol=1e-12, atol=0)
 
 
-@pytest.mark.parametrize(("x", "y", "expected"), [
-    (1.25, 1.0, {(1, 1): 0.75, (2, 1): 0.25}),
-    (-0.25, 1.5, {(0, 1): 0.375, (0, 2): 0.375}),  # left corners outside
-    (2.75, 0.0, {(2, 0): 0.25}),  # right ones
-    (-0.5, -0.5, {(0, 0): 0.25}),  # three
-    (2.5, 3.5, {(2, 3): 0.25}),
-    (-1.0, 1.0, {}),
-    (3.0, 1.0, {}),
-    (1.0, 4.0, {}),
-    (1e300, -1e300, {}),
-])  # fmt: skip
+# -------------------------------------------------------------------- images
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "expected"),
+    [
+        (1.25, 1.0, {(1, 1): 0.75, (2, 1): 0.25}),
+        (-0.25, 1.5, {(0, 1): 0.375, (0, 2): 0.375}),  # left corners outside
+        (2.75, 0.0, {(2, 0): 0.25}),  # right ones
+        (-0.5, -0.5, {(0, 0): 0.25}),  # three
+        (2.5, 3.5, {(2, 3): 0.25}),
+        (-1.0, 1.0, {}),
+        (3.0, 1.0, {}),
+        (1.0, 4.0, {}),
+        (1e300, -1e300, {}),
+    ],
+)
 def test_corners_outside_are_dropped_alone(x, y, expected):
     image = floating.iwe([x], [y], 3, 4)
     assert image.shape == (4, 3)
-    assert {(i, j): float(image[j, i]) for j in range(4) for i in range(3) if image[j, i]} == expected
+    got = {(i, j): float(image[j, i]) for j in range(4) for i in range(3) if image[j, i]}
+    assert got == expected
+
+
+def test_signs_of_the_derivatives():
+    """An event after t_ref moves left as vx grows: the left pixels gain."""
+    d_x, d_y = floating.derivative_images(floating.bilinear_votes([0.25], [0.5], 2, 2), 0.5, 2, 2)
+    assert d_x.tolist() == [[0.25, -0.25], [0.25, -0.25]]
+    assert d_y.tolist() == [[0.375, 0.125], [-0.375, -0.125]]
 
 
 @pytest.mark.parametrize("n", [0, 1])
@@ -124,9 +150,24 @@ def test_few_events(n):
         assert trace.v.tolist() == [[0.5, 0.25]] * 4
 
 
+# -------------------------------------------------------------------- invariances
+
+
+def test_whole_pixel_translation_changes_nothing(rng):
+    x, y, dt = interior_events(rng)
+    v = (1.7, -0.6)
+    a = floating.evaluate(x, y, dt, v, width=24, height=16)
+    b = floating.evaluate(x + 3, y + 2, dt, v, width=24, height=16)
+    torch.testing.assert_close(b.image[2:, 3:], a.image[:-2, :-3])
+    torch.testing.assert_close(b.contrast, a.contrast)
+    torch.testing.assert_close(b.gradient, a.gradient)
+    other = floating.evaluate(x + 1 - 0.5, y, dt, v, width=24, height=16)  # half a pixel does change it
+    assert abs(float(other.contrast - a.contrast)) > 1e-3
+
+
 def test_time_reversal_flips_v(rng):
     t = np.sort(rng.integers(1000, 90000, 40))
-    x, y = rng.integers(4, 16, 40), rng.integers(4, 8, 40)  # two pixels away from the border
+    x, y, _ = interior_events(rng, 40)
     forth = floating.scaled_times(t, t[0], t[-1])
     back = floating.scaled_times(t[0] + t[-1] - t[::-1], t[0], t[-1])
     v = np.array([1.1, -0.7])
@@ -148,6 +189,9 @@ def test_swapping_the_axes_swaps_the_gradient(rng):
     b = floating.evaluate(y, x, dt, (-1.9, 0.7), width=6, height=9)
     torch.testing.assert_close(a.image, b.image.T)
     torch.testing.assert_close(a.gradient, b.gradient.flip(0))
+
+
+# -------------------------------------------------------------------- time
 
 
 def test_dt_spans_the_whole_batch(rng):
@@ -191,6 +235,31 @@ def test_only_float64_is_accepted():
         floating.scaled_times([0.5], 0, 1)
     x, _ = floating.warp(np.array([3], np.uint16), [0.1], [0.1], (0.3, 0.0))
     assert float(x) == 3 - 0.1 * 0.3  # Python numbers never pass through float32
+
+
+# -------------------------------------------------------------------- ascent
+
+
+def moving_points(rng, v, points=12, per_point=15):
+    """Points that stand on pixels of a 40 × 32 ROI at t_ref and move at ``v``: events (x, y, dt) between pixels."""
+    at = np.stack((rng.permutation(np.arange(8, 32))[:points], rng.permutation(np.arange(8, 24))[:points]))
+    t = np.sort(rng.integers(0, 50_000, points * per_point))
+    dt = floating.scaled_times(t, t[0], t[-1]).numpy()
+    position = at[:, rng.integers(points, size=len(t))]
+    return position[0] + dt * v[0], position[1] + dt * v[1], dt
+
+
+@pytest.mark.parametrize("truth", [(3.0, -2.0), (-5.5, 0.75), (0.0, 4.0)])
+def test_ascent_finds_the_motion(truth, rng):
+    x, y, dt = moving_points(rng, truth)
+    start = np.add(truth, (0.4, -0.3))
+    trace = ascend(x, y, dt, width=40, height=32, v_start=start, eta=0.02, iterations=100)
+    assert trace.v.shape == (101, 2) and trace.contrast.shape == (100,) and trace.gradient.shape == (100, 2)
+    assert trace.v[0].tolist() == start.tolist()
+    assert float(trace.contrast[-1]) > 1.5 * float(trace.contrast[0])
+    # At the truth C has a cusp, around which a constant step swings by up to η·|∇C|.
+    swing = 0.02 * float(trace.gradient.abs().max())
+    assert float((trace.v[-1] - torch.tensor(truth)).abs().max()) < swing + 1e-6
 
 
 def test_ascent_repeats_evaluate(rng):

@@ -8,7 +8,7 @@ import torch
 
 from cmfpga.config import preset
 from cmfpga.config.dither import DITHER_BITS, FACTORS
-from cmfpga.reference.floating import R2, dither, evaluate, scaled_times
+from cmfpga.reference.floating import R2, dither, evaluate, level_size, scaled_times
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.event_path import dither as integer_dither
 from cmfpga.reference.integer.event_path import time_scaler
@@ -68,6 +68,26 @@ def test_the_hardwares_dither_is_this_one_floored(frac):
         near = (units - units.round()).abs() < 0.05  # where 24 bits decide about the floor
         assert bool(((below >= 0) & (below < 1 / (1 << frac)))[~near].all()) and near.sum() < 300
         assert not frac or (int(raw.min()), int(raw.max())) == (-(1 << frac) // 2, (1 << frac) // 2 - 1)
+
+
+@pytest.mark.parametrize("level", [0, 1, 2, 3])
+def test_images_sum_to_the_votes_inside(level, rng):
+    """Events away from the border count fully at every level; those far outside not at all."""
+    x, y, dt = rng.integers(8, 24, 70), rng.integers(8, 24, 70), rng.uniform(-1, 1, 70)
+    inside = evaluate(x, y, dt, (2.3, -1.1), width=32, height=32, level=level)
+    assert float(inside.sum_i) == pytest.approx(70, abs=1e-11)
+    assert inside.sum_d.tolist() == pytest.approx([0, 0], abs=1e-11)
+    assert inside.derivative_x.abs().sum() > 1
+    assert inside.image[level_size(32, level) :].abs().sum() + inside.image[:, level_size(32, level) :].abs().sum() == 0
+    assert float(evaluate(x, y, dt * 0 + 1, (200.0, 0.0), width=32, height=32, level=level).sum_i) == 0
+
+
+def test_a_coarse_pixel_covers_its_fine_ones():
+    """The middle of the first 2^level pixels is the middle of the first coarse one."""
+    for level in range(4):
+        middle = ((1 << level) - 1) / 2
+        image = evaluate([middle], [middle], [0.5], (0.0, 0.0), width=16, height=16, level=level).image
+        assert float(image[0, 0]) == 1.0 == float(image.sum())
 
 
 def compare(config, rng, batches=12, tiny=0.06):

@@ -95,3 +95,29 @@ def test_halves_round_up(name):
     around = sorted({value + near for value in (0, unit // 2, unit, 3 * unit // 2) for near in (-1, 0, 1)})
     gs = [sign * (slope << shift) + near for slope in around for sign in (-1, 1) for near in (-1, 0, 1)]
     check(config, [((0, 0), eta, [(g, -g) for g in gs])])
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_v_saturates_and_the_flag_sticks(sign):
+    """Up to the end of v's format and not beyond; the flag stays until the next batch, v longer."""
+    config = SHAPES["steep"]
+    end = config.formats.v.max if sign > 0 else config.formats.v.min
+    g = g_of_slope(config, sign * (1 << config.gradient_frac))  # ∂C/∂v = ±1, so v moves by η/ρ, 1.7 px
+    eta = config.formats.eta.raw(3.0)
+    velocities, flags = check(
+        config, [((0, 0), eta, [(0, 0), (g, 0), (0, 0), (g, 0), (g, 0), (-g, 0), (0, -g)]), (None, eta, [(-g, g)])]
+    )
+    assert (end, 0) in velocities
+    assert flags[:5] == (False,) * 5 and flags[-2:] == (False, False) and any(flags)
+    first = flags.index(True)
+    assert all(flags[first:-2])
+
+
+def test_keeps_v_from_batch_to_batch(rng):
+    """Warm start: with ``start_last`` the next batch goes on from the last v; without it from ``v_start``."""
+    config = SHAPES["default"]
+    g = g_of_slope(config, 1 << (config.gradient_frac - 3))
+    eta = config.formats.eta.raw(1.0)
+    velocities, _ = check(config, [(None, eta, [(g, -g)]), (None, eta, [(g, -g)]), ((100, 200), eta, [(g, 0)])])
+    step = 1 << (config.v_frac - 3)
+    assert velocities[-1] == (100 + step, 200) and (2 * step, -2 * step) in velocities

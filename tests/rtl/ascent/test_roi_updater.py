@@ -148,6 +148,16 @@ def test_load_out_of_range(buffers):
     assert [clamped for _, clamped in found] == wanted
 
 
+def test_flag_sticks_until_the_next_batch():
+    config = SHAPES["odd"]
+    still = (None, (0, 0), 16, True)
+    # Loaded out of range, then a move that stays inside: still flagged. The next batch clears it.
+    timeline = check(
+        config, [((60, 0), (-4096, 0), 16, True), still, (None, (config.formats.v.max, 0), 63, True), still]
+    )
+    assert [clamped for _, clamped in timeline] == [True, True, False, False, False, True, False, False]
+
+
 def test_slow_motion_adds_up_and_halves_round_up():
     """An eighth of a pixel per batch: the corner follows after four batches, and moves once in eight."""
     config = SHAPES["default"]

@@ -122,3 +122,25 @@ def test_every_step_from_every_end(name):
             start = min(max(start, low), high)
             batches += [((start, -1 - start, *rest), [(shift, sign, -sign, *rest)]) for sign in (-1, 0, 1)]
     assert {v[0] for v, _ in check(config, batches)} >= {low, high}
+
+
+def test_the_axes_are_independent():
+    """The sign of one axis and its saturation leave the other alone; each of them raises the flag."""
+    config = SIGNS["similarity"]
+    for axis, one in enumerate(config.motion_model.parameters):
+        for sign in (-1, 1):
+            g, start = [0] * 4, [7] * 4
+            g[axis], start[axis] = sign, one.fmt.max if sign > 0 else one.fmt.min
+            timeline = check(config, [(tuple(start), [(3, *g)])])
+            assert timeline[-1] == (tuple(start), True)
+
+
+def test_the_flag_sticks_and_v_stays(rng):
+    """Saturation is remembered until the next batch; without ``load`` v goes on from where it was."""
+    config = SIGNS["similarity"]
+    top, rest = config.formats.v.max, (0, 0)
+    batches = ((top - 1, 0), ((2, 1, 1), (0, -1, 0), (0, 0, 0))), (None, ((0, -1, 1),)), ((5, 6), ((1, 1, -1),))
+    batches = [(start and start + rest, [step + rest for step in steps]) for start, steps in batches]
+    timeline = check(config, batches)
+    assert timeline[-1] == ((7, 4, *rest), False) and ((top - 2, 5, *rest), False) in timeline
+    assert [flag for _, flag in timeline[3:7]] == [True, True, True, False]

@@ -20,20 +20,21 @@ def limits(config):
     return [*((-2 << frac, ((size + 1) << frac) - 1) for size in sizes), (-one, one)]
 
 
-def check(config, iterations, probability, seed):
+def check(config, iterations, probability=0.0, seed=0):
     """Iterations of (level, x, y, dt): the level changes while no event is in flight, as soon as it may.
 
     Otherwise there are only random levels, so that one that is used too early or too late is found. The data of a bank
-    that got no vote mean nothing.
+    that got no vote mean nothing. Returns which corners vote, of each iteration.
     """
     rng = np.random.default_rng(seed)
     block = BilinearVoter(config)
     top = shape_range(block.level.shape())[1]
-    script, pushed, expected = [], [], []
+    script, pushed, expected, inside = [], [], [], []
     for level, x, y, dt in iterations:
         votes = voter(config, tensor(x), tensor(y), tensor(dt), level)
         last = rng.integers(0, 2, len(x)).tolist()
         expected += zip(vote_payloads(config, votes), last, strict=True)
+        inside.append(votes.inside)
         items = [dict(zip(("x", "y", "dt", "last"), item, strict=True)) for item in zip(x, y, dt, last, strict=True)]
         part, cycles = flow_script(block, items, random_gaps(rng, len(items), probability), rng, drain=0)
         idle = [{} for _ in range(block.latency - 1)]
@@ -48,6 +49,7 @@ def check(config, iterations, probability, seed):
         came = [bank if bank["valid"] else None for bank in value["banks"]], value["last"]
         assert came == wanted, f"event {number}"
     check_latency(block, pushed, recording)
+    return inside
 
 
 def random_positions(config, level, rng, count):
@@ -72,3 +74,33 @@ def test_matches_model(name, gap, rng):
     levels = [level for a in range(config.max_level + 1) for b in range(config.max_level + 1) for level in (a, b)]
     count = max(8, 150 // len(levels))
     check(config, [(level, *random_positions(config, level, rng, count)) for level in levels], GAPS[gap], len(levels))
+
+
+@pytest.mark.parametrize("name", ["narrow", "odd", "tiny", *LEVELS])
+def test_every_border_cell(name):
+    """Around all four borders and corners of every level: exactly the corners inside vote, each in its bank."""
+    config = SHAPES[name]
+    half = 1 << (config.position_frac - 1)
+    iterations, wanted = [], []
+    for level in range(config.max_level + 1):
+        size = [-(-size // (1 << level)) for size in (config.roi_width, config.roi_height)]
+        xs, ys = ([-2, -1, 0, 1, s - 2, s - 1, s] for s in size)
+        cells = [(column, row) for row in ys for column in xs]
+        raw = [[(place << config.position_frac) + half for place in axis] for axis in zip(*cells, strict=True)]
+        iterations.append((level, *raw, [1 << config.dt_frac] * len(cells)))
+        # The model's own number of votes, counted another way.
+        inside = [
+            [sum(0 <= at + near < s for near in (0, 1)) for at in axis] for axis, s in ((xs, size[0]), (ys, size[1]))
+        ]
+        wanted.append([across * down for down in inside[1] for across in inside[0]])
+    assert [votes.sum(-1).tolist() for votes in check(config, iterations)] == wanted
+
+
+def test_halves_round_up():
+    """Products that lie exactly between two raw values, of both signs."""
+    config = CONFIGS["default"].replace(weight_frac=4, derivative_frac=3, position_frac=4, dt_frac=4)
+    pairs = [(fx, fy) for fx in range(16) for fy in range(16)]
+    weights = [a * b for fx, fy in pairs for a in (fx, 16 - fx) for b in (fy, 16 - fy)]
+    assert any(product % 16 == 8 for product in weights)
+    x, y = [80 + fx for fx, _ in pairs], [96 + fy for _, fy in pairs]
+    check(config, [(0, x, y, [dt] * len(pairs)) for dt in (16, -16, 8, -8, 1, -1, 0)])

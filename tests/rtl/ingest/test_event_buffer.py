@@ -72,7 +72,8 @@ def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0, **chang
         assert (recording.watch["stored.count"][end], recording.watch[surplus][end]) == (stored, lost)
         assert not thin or sum(recording.watch["stored.halved"][begin:end]) == halvings
         begin = end
-    assert recording.cycles() == [start + block.latency + k for start, count in replays for k in range(count)]
+    wanted = [start + block.latency + k for start, count in replays for k in range(count)]
+    assert recording.cycles() == wanted
     assert not overlaps or buffers == 2
     recording.overlaps = overlaps
     return recording
@@ -128,10 +129,18 @@ def test_one_buffer_is_filled_while_the_other_is_replayed(depth):
     assert check(depth, batches, buffers=2, probability=0.3).overlaps > 0
 
 
+def test_what_is_replayed_stays_until_it_is_taken():
+    """A filling that waits for long, complete, while the other is replayed again and again."""
+    check(6, [(4, 9), (9, 2), (2, 7), (1, 9), (6, 1)], buffers=2)
+    # Nothing of a filling that is dropped unreplayed.
+    check(6, [(4, 2), (6, 0), (0, 0), (3, 2), (1, 0), (2, 4)], buffers=2, idle=1)
+
+
 def test_counters_follow_the_filling(rng):
     """During a replay the counters are those of the buffer that is being filled, in every cycle."""
     block = EventBuffer(Config(buffer_events=3, buffers=2, max_batch_events=1000))
-    push = {"i.valid": 1, "i.payload": random_value(block.i.payload.shape(), rng)}
+    event = random_value(block.i.payload.shape(), rng)
+    push = {"i.valid": 1, "i.payload": event}
     script = [{"clear": 1}, push, push, {"take": 1}, {"clear": 1, "replay": 1}, *[push] * 5, {}]
     watch = play(block, script, watch=("stored.count", "stored.overflow")).watch
     assert watch["stored.count"] == [0, 0, 1, 2, 2, 0, 1, 2, 3, 3, 3]

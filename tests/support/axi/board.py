@@ -12,6 +12,7 @@ from cocotbext import axi
 
 from cmfpga.config import Config
 from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.tables import window_words
 from cmfpga.protocol.words import result_values, setting_words, split_packets
 
 CONFIG = Config(**json.loads(os.environ["CMFPGA_CONFIG"])) if "CMFPGA_CONFIG" in os.environ else Config()
@@ -75,6 +76,7 @@ class Board:
             self.cycle += 1
 
     async def reset(self, cycles=4):
+        """Hold aresetn low."""
         self.dut.aresetn.value = 0
         await ClockCycles(self.dut.aclk, cycles)
         self.dut.aresetn.value = 1
@@ -82,6 +84,8 @@ class Board:
 
     async def cycles(self, count):
         await ClockCycles(self.dut.aclk, count)
+
+    # ---------------------------------------------------------------- registers
 
     async def write_word(self, offset, word):
         await with_timeout(self.lite.write_dword(offset, word & 0xFFFFFFFF), 100, "us")
@@ -95,6 +99,7 @@ class Board:
         await self.write_word(register.offset, register.pack(**fields) if word is None else word)
 
     async def read(self, name, field=None):
+        """A register's word, or one field of it."""
         register = self.registers[name]
         word = await self.read_word(register.offset)
         return register[field].unpack(word) if field else word
@@ -105,13 +110,17 @@ class Board:
         }
 
     async def apply(self, settings):
-        """Write settings by their links, and the schedules that they point at."""
+        """Write settings by their links, the schedules that they point at, and the nodes of a camera."""
         for name, word in setting_words(self.registers, settings).items():
             await self.write(name, word)
         for k, entry in enumerate(settings.get("schedule", ())):
             register = self.registers["SCHEDULE"]
             word = register.pack(**dict(zip((f.name for f in register.fields), entry, strict=True)))
             await self.write_word(register.offset + 4 * k, word)
+        for node in settings.get("nodes", ()):
+            values = dict(zip(("column", "row", "x", "y"), node, strict=True))
+            for register, word in window_words(self.registers, "node", values):
+                await self.write_word(register.offset, word)
 
     async def until(self, name, field, value=1):
         for _ in range(4000):
@@ -123,6 +132,8 @@ class Board:
         group = self.registers.group("Result")
         offsets = range(group[0].offset, group[-1].offset + 4, 4)
         return result_values(self.registers, [await self.read_word(offset) for offset in offsets])
+
+    # ---------------------------------------------------------------- streams
 
     async def send(self, words, *, keep=None, wait=True):
         """One packet of 64-bit words, TLAST with the last; ``keep`` has one mask a word."""

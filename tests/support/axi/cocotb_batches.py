@@ -34,6 +34,7 @@ async def begin(dut, *, seed=0, pauses=0.0, ends=None, form="PACKED"):
 
 
 def following(settings):
+    """Settings of the next batch: the ROI is loaded once."""
     return dataclasses.replace(settings, roi=None)
 
 
@@ -55,6 +56,9 @@ async def nothing_lost(board, expected):
     assert found["events_in"] == found["before_time"] + found["out_of_sensor"] + found["events_taken"]
     assert found["events_taken"] == sum(found[name] for name in COUNTS)
     return found
+
+
+# ---------------------------------------------------------------- batches
 
 
 @cocotb.test()
@@ -108,12 +112,16 @@ async def cycles_of_the_wrapper(dut):
         assert board.sent[-1][0] == offered + found["cycles"] + shell.result_latency, form
 
 
+# ---------------------------------------------------------------- control
+
+
 @cocotb.test()
 async def settings_take_effect_at_the_next_batch(dut):
     """Written while a batch is taken in: it keeps its settings, the next one has the new ones."""
     ends = BatchEnds(events=80, by_tlast=False)
     board, expected, settings = await begin(dut, form="PACKED", ends=ends)
-    words = encode(moving_events(CONFIG, 400, 9), "PACKED")
+    events = moving_events(CONFIG, 400, 9)
+    words = encode(events, "PACKED")
     batches, _ = expected.receive(to_beats(words), "PACKED", ends)
 
     async def half(batch):
@@ -124,9 +132,11 @@ async def settings_take_effect_at_the_next_batch(dut):
 
     await half(0)
     await board.until("STATUS", "TAKING_IN")
-    changes = {"min_roi_events": 4, "thinning": 2, "start_last": False, "v_start": (16, -8)}
-    changes |= {"roi": (3, 5), "cold": settings.cold[:3], "warm": settings.warm[:2]}
-    other = dataclasses.replace(settings, **changes)
+    other = dataclasses.replace(settings, roi=(3, 5), min_roi_events=4, thinning=2, start_last=False, v_start=(16, -8))
+    if CONFIG.ascent_rule.has_table:
+        other = dataclasses.replace(other, cold=settings.cold[:3], warm=settings.warm[:2])
+    else:
+        other = dataclasses.replace(other, iterations=3, eta=settings.eta // 2)
     await board.apply(links(CONFIG, other, ends))
     await rest(0)
     same(await board.result(), expected.result(batches[0], settings))
@@ -186,7 +196,8 @@ async def one_batch_at_a_time(dut):
         assert await board.read("ISR", "DONE") == 1 and await board.read("ISR", "READY") == 1
         wanted = expected.result(batches[k], settings)
         if k == 2:
-            assert (await board.result_registers())["batch"] == 2  # held
+            kept = await board.result_registers()
+            assert kept["batch"] == 2  # held
             assert await board.read("COUNT_RESULTS_HELD_BACK") == 1
             await board.write("RESULT_HOLD", HOLD=0)
         else:
@@ -274,6 +285,9 @@ async def bypass(dut):
     await nothing_lost(board, expected)
 
 
+# ---------------------------------------------------------------- bad input
+
+
 @cocotb.test()
 async def bad_words(dut):
     """Unknown types, no time word, outside the sensor, time back and wrapping, TLAST anywhere: counted, never stuck."""
@@ -341,8 +355,9 @@ async def settings_out_of_range(dut):
     board, expected, settings = await begin(dut, form="PACKED")
     assert await board.read("STATUS", "CONFIG_RANGE") == 0
     big = 0xFFFFFFFF
-    for name in ("ROI_GAIN", "MIN_ROI_EVENTS", "THINNING"):
-        await board.write(name, big)
+    for name in ("ROI_GAIN", "MIN_ROI_EVENTS", "THINNING", "ITERATIONS", "ETA"):
+        if name in board.registers:
+            await board.write(name, big)
     await board.write("V_START_X", 0x7FFFFFFF)
     await board.write("V_START_Y", 0x80000000)
     await board.write("THINNING", 0)
@@ -353,6 +368,9 @@ async def settings_out_of_range(dut):
     assert await board.read("STATUS", "CONFIG_RANGE") == 1
     formats, corner = CONFIG.formats, (CONFIG.geometry.roi_x_max, CONFIG.geometry.roi_y_max)
     changes = {"roi": corner, "v_start": (formats.v.max, formats.v.min), "start_last": False, "thinning": 1}
+    if CONFIG.ascent == "constant":
+        changes |= {"iterations": 2, "eta": formats.eta.max}
+        await board.write("ITERATIONS", 2)
     limited = dataclasses.replace(settings, roi_gain=formats.roi_gain.max, **changes)
     events = moving_events(CONFIG, 80, 14)
     x, y = events.x // 2 + CONFIG.sensor_width // 2, events.y // 2 + CONFIG.sensor_height // 2

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from cmfpga.events.arrays import Events
+from cmfpga.imaging.camera import node_writes
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS, fields_of
 from cmfpga.protocol.settings import schedule_table, settings_values
@@ -15,12 +16,14 @@ torch.set_num_threads(1)
 
 
 def links(config, settings, ends=None):
-    """Settings by the registers' links, with the table of schedules."""
+    """Settings by the registers' links, with the tables of schedules and of a camera's nodes."""
     values = settings_values(config, settings)
     ends = ends or BatchEnds()
     values |= {"batch_events": ends.events, "duration": ends.duration, "by_tlast": int(ends.by_tlast)}
     if config.ascent_rule.has_table:
         values["schedule"] = schedule_table(config, settings)
+    if settings.camera:
+        values["nodes"] = node_writes(config, settings.camera)
     return values
 
 
@@ -36,9 +39,9 @@ class Expected:
              "format_errors", "other_words", "time_high_back", "empty_ends"), 0
         )  # fmt: skip
 
-    def receive(self, beats, form, ends=None):
+    def receive(self, beats, form, ends=None, *, swap=False):
         """Batches of a stream, and the events behind the last end."""
-        tokens, counts = decode(self.config, beats, form)
+        tokens, counts = decode(self.config, beats, form, swap=swap)
         passed, gated = sensor_gate(self.config, tokens)
         batches, rest, empty = split_batches(self.config, passed, ends or BatchEnds())
         for name, count in (counts | gated).items():
@@ -47,7 +50,7 @@ class Expected:
         self.totals["events_taken"] += sum(len(t) for t, *_ in batches)
         return batches, rest
 
-    def result(self, batch, settings, *, config_range=0):
+    def result(self, batch, settings, *, wire=0, config_range=0):
         """A result's values, less ``cycles``."""
         t, x, y, cut = batch
         found = self.core.run(t, x, y, settings, cut=cut)
@@ -56,11 +59,12 @@ class Expected:
         counts |= {flag.name.lower(): flag in found.flags for flag in (Flag.DOUBTFUL, Flag.DEGENERATE)}
         for name, count in (counts | {"batches": 1, "cut": cut, "restarted": found.restarted or 0}).items():
             self.totals[name] += count
-        own = {"batch": self.totals["batches"], "wire": 0, "config_range": config_range}
+        own = {"batch": self.totals["batches"], "wire": wire, "config_range": config_range}
         return raw_values(self.config, found) | own | {"t_ref": (int(t[0]) + found.span // 2) % (1 << 32)}
 
 
 def raw_values(config, outcome):
+    """``{leaf: raw value}`` of an outcome, less ``cycles``."""
     values = {}
     for field in fields_of("batch", "region", config=config):
         if field.name != "cycles":

@@ -8,14 +8,18 @@ import pytest
 from cmfpga.config import preset
 from support.axi.simulators import require, simulate
 
-#: What each simulator runs; Icarus takes some milliseconds a clock cycle.
+SMALL = {"sensor_width": 64, "sensor_height": 48, "roi_width": 16, "roi_height": 12, "buffer_events": 128}
 CONFIGS = {
-    "verilator": preset("fast").replace(
-        sensor_width=64, sensor_height=48, roi_width=16, roi_height=12, buffer_events=128, max_batch_events=2000
-    ),
-    "icarus": preset("paper").replace(
+    "small fast": preset("fast").replace(**SMALL, max_batch_events=2000),
+    # Icarus takes some milliseconds a clock cycle.
+    "tiny paper": preset("paper").replace(
         sensor_width=40, sensor_height=30, roi_width=8, roi_height=6, buffer_events=64, max_batch_events=2000,
         iterations=2, max_iterations=7,
+    ),
+    "small similarity": preset("similarity").replace(**SMALL, max_batch_events=2000),
+    "small rotation": preset("rotation").replace(
+        **SMALL | {"roi_width": 64, "roi_height": 48}, max_batch_events=2000, ram_style="auto",
+        camera="70,70,31,22,-0.2,0,0,0",
     ),
 }  # fmt: skip
 REGISTERS, BATCHES = "cocotb_registers", "cocotb_batches"
@@ -29,20 +33,28 @@ def names_in(module):
     return re.findall(r"^@cocotb\.test\(.*\)\nasync def (\w+)", text, re.MULTILINE)
 
 
-def check(simulator, tests, folder):
+def check(simulator, config, tests, folder):
     """All of ``tests`` ran and passed. One pytest item runs many, because each process would compile anew."""
     require(simulator)
-    found, said = simulate(simulator, CONFIGS[simulator], tests, folder)
+    for module, names in tests.items():
+        known = names_in(module)
+        assert len(known) >= 3 and names and set(names) <= set(known)
+    found, said = simulate(simulator, CONFIGS[config], tests, folder)
     asked = [test for names in tests.values() for test in names]
-    assert len({*asked}) == len(asked) > 1
+    assert len({*asked}) == len(asked)
     wrong = {test: found.get(test, "did not run") for test in asked if found.get(test, "did not run") is not None}
     assert not wrong, f"{', '.join(wrong)}\n{said[-20000:]}"
 
 
 def test_in_verilator(tmp_path):
-    check("verilator", {module: names_in(module) for module in (REGISTERS, BATCHES)}, tmp_path)
+    check("verilator", "small fast", {module: names_in(module) for module in (REGISTERS, BATCHES)}, tmp_path)
+
+
+@pytest.mark.parametrize("motion", ["similarity", "rotation"])
+def test_motions_in_verilator(motion, tmp_path):
+    check("verilator", f"small {motion}", SOME, tmp_path)
 
 
 @pytest.mark.parametrize("tests", [{REGISTERS: names_in(REGISTERS)}, SOME], ids=[REGISTERS, BATCHES])
 def test_in_icarus(tests, tmp_path):
-    check("icarus", tests, tmp_path)
+    check("icarus", "tiny paper", tests, tmp_path)

@@ -92,6 +92,19 @@ def test_adversarial_batches_back_to_back(pair, rng):
         assert seen >= set(Flag) - {Flag.CUT, Flag.SCHEDULE} - never and not never & seen
 
 
+def test_reset_in_the_middle_of_a_batch(pair, rng):
+    core, config = pair[0], pair[0].config
+    x, y = PATTERNS["random_inside"](config, rng, (0, 0))
+    events = np.arange(len(x)) * 5 + 10, x, y
+    settings = replace(BatchSettings.from_config(config, (0, 0)), iterations=5)
+    for stop_after in (1, len(x), len(x) + 90, len(x) + 150):
+        core.write_schedule(schedule_table(config, settings))
+        with pytest.raises(TimeoutError):
+            core.play([events], [settings_values(config, settings)], max_cycles=stop_after)
+        core.reset()
+        run_both(core, IntegerCore(config), events, settings)
+
+
 def test_batches_back_to_back_without_a_pause(pair, rng):
     """The next batch is offered while the one before is optimised; gaps and stalls change nothing but the time."""
     core, _, batches = pair
