@@ -1,6 +1,6 @@
 """Verilog of what tb_cmfpga_core.v does with every port of the core: lines, from the tables of ports and columns."""
 
-from cmfpga.rtl.image.sliced_memory import slices
+from cmfpga.rtl.image.sliced_memory import SHALLOW, slices
 from cmfpga.verilog.emit import TOP
 
 
@@ -23,7 +23,7 @@ def fill_banks(core):
     count, depth = config.geometry.images, config.geometry.bank_depth
     images = [f"image_{number}." for number in range(count)] if count > 1 else [""]
     parts = slices(bank.word.size, depth, config.ram_style)
-    rams = [f"ram.{part}" for part in parts] if bank.deep else ["ram"]
+    rams = [f"ram.{part}" for part in parts] if depth > SHALLOW and config.ram_style != "ultra" else ["ram"]
     yield "integer word;"
     yield "initial begin"
     for path in (f"{image}tagged_accumulator.bank_{n}.{ram}" for image in images for ram in rams for n in range(4)):
