@@ -35,10 +35,6 @@ def test_the_fast_core_takes_fewer_registers_and_multipliers_than_the_articles()
     assert all(0 < row[kind] < description.ARTICLE_RESOURCES[kind] for kind in ("ff", "dsp"))
 
 
-def test_the_fast_core_is_like_its_baseline(fast):
-    assert_like_baseline(fast, BASELINES["presets"]["fast"]["total"], "fast")
-
-
 def test_rams_and_dsps_of_every_block():
     """By Yosys in every run, unlike what follows."""
     name = "fast"
