@@ -97,8 +97,8 @@ def test_examples(preset, engine, tmp_path):
     found = run(applied(both, tmp_path), preset, engine, '{"roi_hold": 1, "roi": None}')
     assert isinstance(found, dict), found
     assert {"settings_roi_hold", "result_roi_first"} <= set(found["ports"])
-    assert found["map"]["ROI_HOLD"] == 0x80 + 4 * 27 and found["map"]["RESULT_ROI_FIRST"] == 0x100 + 4 * 47
-    assert found["beats"] == 24
+    assert found["map"]["ROI_HOLD"] == 0x80 + 4 * 27 and found["map"]["RESULT_ROI_FIRST"] == 0x100 + 4 * 49
+    assert found["beats"] == 25
     outcomes = found["outcomes"]
     moved, held = outcomes[0 if preset == "paper" else 1], outcomes[-1]  # with two buffers a move shows a batch later
     assert moved["roi_next"] != moved["roi"] and held["roi_next"] == held["roi"]

@@ -5,7 +5,7 @@ import pytest
 from cmfpga.driver import DeviceError, DeviceTimeout
 from cmfpga.events import Events
 from cmfpga.protocol.words import encode
-from support.driving import batch, within, works
+from support.driving import BEATS, batch, within, works
 
 
 @pytest.mark.parametrize("sent", [0, 1, 37, 99])
@@ -72,7 +72,7 @@ def test_somebody_else_sends_words(accelerator, top, rng):
 def test_packets_of_another_length_and_lost_results(accelerator, backend, rng, monkeypatch):
     usual = backend.receive
     monkeypatch.setattr(backend, "receive", lambda timeout: usual(timeout)[:9])
-    with pytest.raises(DeviceError, match="a packet of 9 words; 19 make a result"):
+    with pytest.raises(DeviceError, match=f"a packet of 9 words; {BEATS} make a result"):
         accelerator.run(batch(rng, 100), roi=(8, 4))
     monkeypatch.undo()
     works(accelerator, rng)

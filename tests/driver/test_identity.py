@@ -80,11 +80,14 @@ def test_self_test_notices(accelerator, backend, monkeypatch):
     with pytest.raises(DeviceError, match="is the line stuck"):
         accelerator.self_test()
     monkeypatch.undo()
-    usual = backend.receive
+    usual, beat = (
+        backend.receive,
+        (REGISTERS["RESULT_CURVATURE_CROSS_LOW"].offset - REGISTERS["RESULT_BATCH"].offset) // 8,
+    )
 
     def wrong(timeout):
         words = usual(timeout)
-        words[-1] ^= np.uint64(1)
+        words[beat] ^= np.uint64(1)
         return words
 
     monkeypatch.setattr(backend, "receive", wrong)

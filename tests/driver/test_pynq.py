@@ -11,7 +11,7 @@ import pytest
 from cmfpga.boards import DEFAULT
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout
 from support.board import Board, Interrupts
-from support.driving import CONFIG, REGISTERS, batch, within, works
+from support.driving import BEATS, CONFIG, REGISTERS, batch, within, works
 from support.overlay import write_hwh
 
 with warnings.catch_warnings():
@@ -156,7 +156,7 @@ def test_the_caches_are_told(overlay, rng):
     with Accelerator(small(overlay), CONFIG) as accelerator:
         overlay.device.told.clear()
         accelerator.run(batch(rng, 100), roi=(8, 4))
-    assert overlay.device.told == [("flush", 800), ("invalidate", 152), ("free", 0x4000), ("free", 0x1000)]
+    assert overlay.device.told == [("flush", 800), ("invalidate", 8 * BEATS), ("free", 0x4000), ("free", 0x1000)]
 
 
 def test_hardware_of_another_version_is_refused(top, tmp_path, capsys):

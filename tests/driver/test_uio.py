@@ -12,7 +12,7 @@ from cmfpga.driver.uio import Mapping, UdmaBuffer, UioBackend, UioDevice
 from cmfpga.engines.model import ModelEngine
 from cmfpga.protocol.words import encode
 from support.board import descriptors, uio_tree
-from support.driving import CONFIG, batch, streamed, within, works
+from support.driving import BEATS, CONFIG, batch, streamed, within, works
 from support.uio import BUFFERS, Linux
 
 
@@ -47,9 +47,9 @@ def test_the_caches_are_told(linux, tree, rng, monkeypatch):
     with Accelerator(linux.backend(), CONFIG) as accelerator:
         told.clear()
         accelerator.run(batch(rng, 100), roi=(8, 4))
-    assert told == [("cmfpga-events", "sync_for_device", 800, 1), ("cmfpga-results", "sync_for_cpu", 152, 2)]
+    assert told == [("cmfpga-events", "sync_for_device", 800, 1), ("cmfpga-results", "sync_for_cpu", 8 * BEATS, 2)]
     folder = tree / "sys/class/u-dma-buf/cmfpga-results"
-    wrote = {"sync_offset": "0", "sync_size": "152", "sync_direction": "2", "sync_for_cpu": "1"}
+    wrote = {"sync_offset": "0", "sync_size": f"{8 * BEATS}", "sync_direction": "2", "sync_for_cpu": "1"}
     assert {name: (folder / name).read_text() for name in wrote} == wrote
 
 
@@ -93,7 +93,7 @@ def test_dma_that_fails(linux, rng):
             accelerator.reset()
         linux.board.dma.dead = False
         accelerator.reset()
-        accelerator.backend._receiving.begin(BUFFERS["cmfpga-results"][0], 64)  # a packet has 152 bytes
+        accelerator.backend._receiving.begin(BUFFERS["cmfpga-results"][0], 64)  # less than a packet
         with within(5), pytest.raises(DeviceError, match=r"from the stream: internal error.*longer than the buffer"):
             accelerator.run(batch(rng, 100), roi=(8, 4))
         works(accelerator, rng)

@@ -11,12 +11,14 @@ from cmfpga.driver.simulation import SimulatedTop, SimulationBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.events import Events
 from cmfpga.protocol.registers import register_map
-from cmfpga.protocol.results import fields_of
+from cmfpga.protocol.results import fields_of, packet_beats
 from cmfpga.protocol.settings import BatchSettings
 from support.designs import SHELL
 
 CONFIG = SHELL
 REGISTERS = register_map(CONFIG)
+#: Words of 64 bits in a packet.
+BEATS = packet_beats(CONFIG)
 
 
 @pytest.fixture
