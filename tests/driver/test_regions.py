@@ -276,6 +276,14 @@ def test_what_is_refused(accelerator, rng):
         accelerator.write_regions([TABLE[0]] * 6)
     with pytest.raises(ConfigError, match="region 1: parent = 1: 0 to 0 is needed"):
         accelerator.write_regions([TABLE[0], dataclasses.replace(TABLE[2], parent=1)])
+    for message, change in (
+        (r"\d+ px along x from \d+ of the image on: at most \d+ px are allowed", {"margin": (CONFIG.roi_width, 0)}),
+        (r"x = -1: 0 to \d+ is allowed", {"x": -1}),
+        ("start = 'again': one of given, ", {"start": "again"}),
+        ("stride = 3: a power of two up to", {"stride": 3}),
+    ):
+        with pytest.raises(ConfigError, match=f"^region 0: {message}"):
+            accelerator.write_regions([dataclasses.replace(TABLE[0], **change)])
     accelerator.write_regions(TABLE)
     nothing = accelerator.run(events[:0], settings=chosen)
     assert [one.roi for one in nothing.regions] == [(row.x, row.y) for row in TABLE] and not nothing.batch

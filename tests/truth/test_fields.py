@@ -133,3 +133,37 @@ def test_what_is_no_field(command, turning, flow, tmp_path):
         with pytest.raises(RecordingError, match=message) as caught:
             read_known(path)
         assert "\n" not in str(caught.value)
+
+
+IMAGES, PAIR = np.zeros((2, 3, 4)), np.zeros((2, 2, 3, 4))
+BAD_NPZ = {
+    "lengths differ": {"timestamps": [0.0, 1.0, 2.0], "x_flow_dist": IMAGES, "y_flow_dist": IMAGES},
+    "not of pixels": {"timestamps": [0.0, 1.0], "x_flow_dist": IMAGES, "y_flow_dist": IMAGES[:, :2]},
+    "times that ascend": {"timestamps": [1.0, 0.0], "x_flow_dist": IMAGES, "y_flow_dist": IMAGES},
+}
+BAD_HDF5 = {
+    "/flow: N×2×rows×columns is needed": {"flow": IMAGES[0]},
+    "/flow: its times, /flow_ts, are needed": {"flow": PAIR},
+    "/flow_ts: a time, or begin and end, is needed for each of 2 flows": {"flow": PAIR, "flow_ts": [1, 2, 3]},
+    "windows in the order of time": {"flow": PAIR, "flow_ts": [[5, 9], [0, 4]]},
+}
+
+
+@pytest.mark.parametrize("wrong", [*BAD_NPZ, *BAD_HDF5])
+def test_arrays_that_do_not_fit_are_named_in_a_line(wrong, tmp_path):
+    path = tmp_path / ("a.npz" if wrong in BAD_NPZ else "a.h5")
+    if wrong in BAD_NPZ:
+        np.savez(path, **BAD_NPZ[wrong])
+    else:
+        with h5py.File(path, "w") as file:
+            file.update(BAD_HDF5[wrong])
+    with pytest.raises(RecordingError, match=rf"^{path}: .*{wrong}") as caught:
+        read_known(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_without_times(flow, tmp_path):
+    truth = written(tmp_path, "", flow)
+    (truth / "forward_timestamps.txt").unlink()
+    with pytest.raises(RecordingError, match=r"of each of 2 images are needed: No such file"):
+        read_known(truth)
