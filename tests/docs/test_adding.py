@@ -106,7 +106,11 @@ def test_examples(preset, engine, tmp_path):
 
 
 #: Tests of what follows from the tables, and of what is made of results. They must not list what the tables list.
-FOLLOWING = ("protocol", "tracking/test_loop.py", "tracking/test_rows.py", "tracking/test_fit.py", "engines")
+FOLLOWING = (
+    "protocol", "tracking/test_loop.py", "tracking/test_rows.py", "tracking/test_fit.py", "engines",
+    "reference/test_sliding.py", "api/test_track_result.py",
+    *(f"driver/test_{name}.py" for name in ("failures", "uio", "recipe")),
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("heading", ["a setting", "a result field"])

@@ -89,7 +89,8 @@ class BatchTrace:
         taken = {"roi": result.roi, "last_thinning": None, "dropped": marks}
         frac = config.formats.event_frac
         batch = take_in(config, events.t, events.x, events.y, settings, **taken)
-        if batch.counts != {key: getattr(result, key) for key in batch.counts}:
+        counted = {key: getattr(result, key) for key in batch.counts}
+        if any(value not in (None, batch.counts[key]) for key, value in counted.items()):
             raise self._changed()
         self.t = batch.t.numpy()
         self.x, self.y = (axis.numpy() * 2.0**-frac if frac else axis.numpy() for axis in (batch.x, batch.y))
