@@ -140,11 +140,13 @@ def batch_size(options):
 
 
 def add_clock_option(made):
+    """``--clock``."""
     text = f"clock that you assume the hardware to reach, MHz (default: {CLOCK_MHZ:g})"
     made.add_argument("--clock", type=clock, default=CLOCK_MHZ, metavar="MHZ", help=text)
 
 
 def add_tile_options(made):
+    """``--tile`` and ``--step``, of tiles of flow."""
     made.add_argument("--tile", type=positive, metavar="PX", help="size of a tile (default: 32; 48 for HD)")
     made.add_argument("--step", type=positive, metavar="PX", help="from tile to tile (default: half a tile)")
 
@@ -193,6 +195,7 @@ def noted(recording):
 
 
 def wrote(files):
+    """Print which files were written."""
     for path in files:
         print(f"wrote {path}")
 
@@ -234,6 +237,7 @@ def numbers(kind, count, needed, allowed=lambda value: True):
 
 
 def number(kind, needed, allowed=lambda value: True):
+    """The same of one number."""
     parse = numbers(kind, 1, needed, allowed)
     return lambda text: parse(text)[0]
 

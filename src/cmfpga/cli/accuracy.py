@@ -24,6 +24,7 @@ _TRACKS = ("roi", "objects", "batch_events", "batch_us", "batch_roi_events", "ho
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga accuracy``."""
     made = cli.parser(
         "cmfpga accuracy",
         "How right what is found in a recording is, beside a true motion. Tracks as cmfpga track does, or as cmfpga "
@@ -44,6 +45,7 @@ def parser():
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
     if options.recording is None:
         raise ConfigError("RECORDING: a recording is needed (--help lists the options)")

@@ -95,6 +95,7 @@ def _estimate(verilog, axi, by_block):
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga build``."""
     tops = "; ".join(f"{board.name}: {board.top}" for board in BOARDS.values())
     made = cli.parser("cmfpga build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
@@ -121,6 +122,7 @@ def parser():
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
     config = cli.make_config(options)
     if options.resources or options.levels:

@@ -32,6 +32,7 @@ EXAMPLES = (
 
 
 def load(name):
+    """The module of the subcommand ``name``."""
     if name not in COMMANDS:
         raise UserError(f"{name[:40]!r}: no such subcommand; {one_of(name, COMMANDS)}")
     return importlib.import_module(f".{name}", __package__)
@@ -48,6 +49,7 @@ def _parser():
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     arguments = [*(sys.argv[1:] if arguments is None else arguments)]
     if arguments and not arguments[0].startswith("-"):
         name, *rest = arguments
@@ -75,4 +77,5 @@ def _completion(shell):
 
 
 def entry():
+    """The entry point."""
     return cli.run(main)

@@ -17,6 +17,7 @@ EXAMPLES = (
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga driver``."""
     made = cli.parser("cmfpga driver", "Check the accelerator: identity, registers, interrupt, a batch.", EXAMPLES)
     text = "simulation: the emitted Verilog; uio: plain Linux on a board; serial: a board at --port"
     made.add_argument("--backend", default="simulation", choices=BACKENDS, help=f"{text} (default: simulation)")
@@ -30,6 +31,7 @@ def parser():
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
     config = cli.make_config(options)
     interrupt = False if options.no_interrupt else None

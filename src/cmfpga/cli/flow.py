@@ -34,6 +34,7 @@ PICTURE, PAGE = "flow.png", "flow.html"
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga flow``."""
     made = cli.parser("cmfpga flow", "Dense optical flow of a recording, by the simulated hardware.", EXAMPLES)
     cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
     cli.add_tile_options(made)
@@ -74,6 +75,7 @@ def parser():
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     return run(parser().parse_args(arguments))
 
 

@@ -33,6 +33,7 @@ _number = cli.number(float, "a number is")
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga generate``."""
     made = cli.parser("cmfpga generate", "Write a synthetic recording whose motion is known, as HDF5.", EXAMPLES)
     cli.files(made.add_argument("out", metavar="FILE", help="file to write (.h5); one that exists is replaced"))
     made.add_argument("--seed", type=cli.natural, default=0, metavar="S", help="equal seeds, equal events (default: 0)")
@@ -78,6 +79,7 @@ def parser():
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
     if not options.out.lower().endswith((".h5", ".hdf5")):
         raise ConfigError(f"{options.out}: only HDF5 is written; a name that ends with .h5 is needed")

@@ -38,6 +38,7 @@ _NOISE_EVENTS = 1_000_000  # of which noise_shares are measured
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga info``."""
     made = cli.parser("cmfpga info", "Say what a recording holds, and propose an ROI and batches for it.", EXAMPLES)
     cli.files(made.add_argument("recording", metavar="RECORDING", help="a file of any known format"))
     text = "propose for event K on (default: for the begin, or else the first place where something moves clearly)"
@@ -55,6 +56,7 @@ def parser():
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
     with cli.noted(open_recording(options.recording, **cli.reading(options))) as recording:
         survey, broken = survey_all(recording)

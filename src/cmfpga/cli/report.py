@@ -16,6 +16,7 @@ PAGE = "report.html"
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga report``."""
     made = cli.parser("cmfpga report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
     made.add_argument("folder", metavar="DIR", help="the folder into which track wrote a report; its track.npz is read")
     cli.add_clock_option(made)
@@ -24,6 +25,7 @@ def parser():
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     from ..show.report import write_page
     from ..tracking.kept import FILE, Kept
 

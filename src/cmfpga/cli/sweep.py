@@ -21,6 +21,7 @@ EXAMPLES = (
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga sweep``."""
     made = cli.parser("cmfpga sweep", "Track many recordings with many configurations, and rank these.", EXAMPLES)
     made.add_argument(
         "recordings", nargs="+", metavar="RECORDING[@X,Y]",
@@ -49,6 +50,7 @@ def parser():
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
     for package in ("pandas", "pyarrow", "distributed"):
         if importlib.util.find_spec(package) is None:

@@ -59,6 +59,7 @@ DEMO_FIELDS = {"eta": 4.0}
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga track``."""
     made = cli.parser("cmfpga track", "Follow an object through a recording of events.", EXAMPLES)
     add_tracking_options(made)
     text = "folder for the files (default: %(default)s)"
@@ -129,6 +130,7 @@ def _roi_option(text):
 
 
 def main(arguments=None):
+    """Run the command; returns the exit status."""
     return run(parser().parse_args(arguments))
 
 

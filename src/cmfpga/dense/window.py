@@ -167,6 +167,7 @@ class Window(Measured):
         return np.where(count[:, None] > 0.5, np.transpose(sums) / np.maximum(count, 1)[:, None], middle)
 
     def rows(self):
+        """Text of the window's rows of ``flow.csv``."""
         values = ((column, np.asarray(column.value(self))) for column in TABLE.values())
         every = ((column, np.broadcast_to(value, len(self.tiles)).tolist()) for column, value in values)
         return zip(*([*map(column.shown, each)] for column, each in every), strict=True)

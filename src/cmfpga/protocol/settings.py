@@ -21,18 +21,22 @@ by_signs, with_confidence, with_hot_pixels, with_background, with_windows, with_
 
 
 def with_undistortion(config):
+    """Only with ``undistortion="on"``."""
     return config.undistortion == "on"
 
 
 def in_batches(config):
+    """Only where no windows slide."""
     return not config.slides
 
 
 def with_one_roi(config):
+    """Only without a table of regions."""
     return not config.regions
 
 
 def with_rotation(config):
+    """Only with ``motion="rotation"``."""
     return config.motion == "rotation"
 
 

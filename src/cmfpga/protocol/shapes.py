@@ -16,6 +16,7 @@ REQUIRED = object()
 
 
 def always(config):
+    """Where every hardware has something."""
     return True
 
 
@@ -81,9 +82,11 @@ class Declared:
     unit: str = ""
 
     def shape_of(self, config):
+        """The port's shape."""
         return self.shape(config)
 
     def doc_of(self, config):
+        """``(doc, unit)``."""
         return self.doc, self.unit
 
     def limits(self, config, leaf, part):

@@ -56,6 +56,7 @@ def save(window, path, title):
 
 
 def figure(window, title):
+    """The picture as a Matplotlib ``Figure``."""
     from matplotlib.colors import LogNorm  # takes a second to import; no window, so no pyplot
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
@@ -103,6 +104,7 @@ def arrows(axis, window, most, colour="tab:orange"):
 
 
 def wheel(axis, most):
+    """The legend of the colours."""
     at = np.linspace(-1, 1, 101)
     way = np.stack(np.meshgrid(at, at), axis=-1)
     shown = np.dstack([colours(way, 1.0), np.hypot(*np.moveaxis(way, -1, 0)) <= 1])

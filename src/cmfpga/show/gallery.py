@@ -79,6 +79,7 @@ class Gallery:
         self._times, self._values, self._truths, self._doubtful, self._corners = [], [], [], [], []
 
     def add(self, batch):
+        """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`."""
         self._corners.append(batch.roi)
         if batch.v_px_per_s is not None:
             self._times.append(batch.t_ref)

@@ -136,6 +136,7 @@ def check_config(config):
 
 
 def render(kept, clock_mhz):
+    """The page's text."""
     check_config(kept.config)
     story = Story(kept, clock_mhz)
     head, blob = _data(kept, story)

@@ -30,6 +30,7 @@ SHARPER = 1.1
 
 
 def direction(dx, dy):
+    """The nearest of :data:`DIRECTIONS`."""
     return DIRECTIONS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
 
 
@@ -74,6 +75,7 @@ class Story:
 
     @functools.cached_property
     def flags(self):
+        """Of each batch."""
         return [Flag.parse(text) for text in self.kept.column("flags")]
 
     @functools.cached_property

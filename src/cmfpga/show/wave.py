@@ -130,6 +130,7 @@ class WaveTaker:
         self._found = None
 
     def add(self, batch):
+        """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`, which follows the last one."""
         if batch.index == self.wanted:
             self._found = batch
 

@@ -237,6 +237,7 @@ class CsvConsumer:
         self._write = csv_writer(file, columns(config.motion, config.slides), config.image)
 
     def add(self, batch):
+        """Write a batch's line."""
         self._write(batch.row())
 
 

@@ -159,6 +159,7 @@ class Verdict:
         return f"{self._with_spread(middle, name, '.3g')} {unit} in the median, {low:.3g} to {high:.3g}"
 
     def warnings(self):
+        """Sentences about what went wrong."""
         if not self.lost:
             return []
         then = "the ROI followed them all the same"

@@ -76,6 +76,7 @@ class Accuracy:
             raise ConfigError(f"depth = {depth:g}: poses, and a motion that is no rotation, are needed")
 
     def add(self, batch):
+        """Take a :class:`~cmfpga.tracking.loop.TrackedBatch`."""
         result, config = batch.result, self._config
         if Flag.DEGENERATE in result.flags:
             self.degenerate += 1
@@ -250,6 +251,7 @@ class Accuracy:
         }
 
     def save(self, path):
+        """Write a CSV: of each batch, or tile, what was found, what is true, and the error."""
         names = _AXES[self._rotation]
         head = ["window", "tile", "t_us", *(f"{what}_{axis}" for what in ("found", "true") for axis in names)]
         with naming(path), open(path, "w", newline="", encoding="utf-8") as file:

@@ -80,6 +80,7 @@ class Known:
 
     @property
     def text(self):
+        """What it is, for people."""
         return f"{self.name}: {self.kind}, {self.rows:,} rows, {self._range}"
 
     @property
